@@ -66,6 +66,17 @@ class Piece:
     def moved(self, turn: Array, shift: Array) -> "Piece":
         return Piece.around(self.part, self.corners @ turn.T + shift)
 
+    def scaled(self, factor: float) -> "Piece":
+        """Of another size."""
+        return Piece.around(self.part, factor * self.corners)
+
+    @property
+    def triangles_outwards(self) -> Array:
+        """(T, 3, 3) m, with normals that point outwards."""
+        middle = self.corners.mean(axis=0)
+        inwards = np.linalg.det(self.triangles - middle) < 0
+        return np.where(inwards[:, None, None], self.triangles[:, ::-1], self.triangles)
+
 
 @dataclass(frozen=True, eq=False)
 class Composite:
@@ -86,6 +97,7 @@ class Composite:
     dense: Array
     parts: Parts
     densities: Array
+    pieces: tuple[Piece, ...]
 
     @property
     def volume(self) -> float:
@@ -278,12 +290,13 @@ KINDS: tuple[Callable[[np.random.Generator], list[Piece]], ...] = (
 # ---- from pieces to clouds and truths ----
 
 
-def make_composite(seed: int, noise: float = 0.0) -> Composite:
+def make_composite(seed: int, noise: float = 0.0, inner: int = INNER) -> Composite:
     """The object of a seed; kinds take turns.
 
     Args:
         seed: of everything.
         noise: m, of each point along each axis.
+        inner: points in each piece that its moments are integrated with.
     """
     rng = np.random.default_rng([seed, 6])
     kind = KINDS[seed % len(KINDS)]
@@ -293,7 +306,7 @@ def make_composite(seed: int, noise: float = 0.0) -> Composite:
     names = list(MATERIALS)
     n_parts = max(piece.part for piece in pieces) + 1
     materials = [names[i] for i in rng.choice(len(names), n_parts)]
-    parts = _parts(pieces, rng)
+    parts = _parts(pieces, rng, inner)
     points, labels = _sampled(pieces, rng, POINTS)
     shades = np.array([MATERIALS[name][1] for name in materials])
     if rng.random() < PLAIN:
@@ -313,6 +326,7 @@ def make_composite(seed: int, noise: float = 0.0) -> Composite:
         _sampled(pieces, rng, DENSE)[0],
         parts,
         np.array([MATERIALS[name][0] for name in materials]),
+        tuple(pieces),
     )
 
 
@@ -355,19 +369,19 @@ def _sampled(pieces: list[Piece], rng: np.random.Generator, count: int) -> tuple
     return np.concatenate(found)[:count], np.concatenate(parts)[:count]
 
 
-def _parts(pieces: list[Piece], rng: np.random.Generator) -> Parts:
+def _parts(pieces: list[Piece], rng: np.random.Generator, inner: int = INNER) -> Parts:
     """The parts' moments from points inside, those of a place that several pieces hold only once."""
     moments, labels = [], []
     for k, piece in enumerate(pieces):
         middle = piece.corners.mean(axis=0)
         volumes = np.abs(np.linalg.det(piece.triangles - middle)) / 6
-        chosen = rng.choice(len(volumes), INNER, p=volumes / volumes.sum())
-        weights = rng.dirichlet(np.ones(4), INNER)
+        chosen = rng.choice(len(volumes), inner, p=volumes / volumes.sum())
+        weights = rng.dirichlet(np.ones(4), inner)
         corners = np.insert(piece.triangles[chosen], 0, middle, axis=1)
         points = np.einsum("nk,nkj->nj", weights, corners)
-        mine = ~np.any([other.holds(points) for other in pieces[:k]] + [np.zeros(INNER, bool)], axis=0)
+        mine = ~np.any([other.holds(points) for other in pieces[:k]] + [np.zeros(inner, bool)], axis=0)
         homogeneous = np.insert(points[mine], 3, 1.0, axis=1)
-        moments.append(volumes.sum() / INNER * homogeneous.T @ homogeneous)
+        moments.append(volumes.sum() / inner * homogeneous.T @ homogeneous)
         labels.append(piece.part)
     present = [k for k, moment in enumerate(moments) if moment[3, 3] > 0]
     corners = np.concatenate([piece.corners for piece in pieces])

@@ -288,6 +288,56 @@ def bare_trips(caller: Caller, domain: int, calls: int) -> dict[str, list[float]
     return found
 
 
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """All figures, by name."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_scene(SCENES["cube"], Path(folder) / "scene.yaml")
+        server = start_server(arguments.domain, Path(folder) / "scene.yaml")
+        try:
+            caller = Caller(arguments.domain)
+            return {
+                "bare": bare_trips(caller, arguments.domain, arguments.calls),
+                "round_trips": overheads(caller, arguments.calls),
+                "in_flight": in_flight(caller, 100, arguments.rounds),
+                "others": beside_maps(caller, 10 * arguments.calls),
+                "crowd": after_abuse(caller, 200),
+                "refusals": refused_changes(caller, arguments.refusals),
+            }
+        finally:
+            server.terminate()
+            server.wait(PATIENCE)
+
+
+def report(found: dict[str, Any]) -> None:
+    """Print the tables."""
+    console = Console(width=120)
+    table = Table(
+        "scene", "assembly", "pushes", "computation ms", "overhead ms: median", "95 %", title="One call at a time"
+    )
+    for row in found["round_trips"]:
+        median, most = row["overhead_ms"]
+        cells = (row["scene"], row["assembly"], str(row["pushes"]), f"{row['computation_ms']:.2f}")
+        table.add_row(*cells, f"{median:.2f}", f"{most:.2f}")
+    console.print(table)
+    table = Table("scene, one push", "median ms", "95 %", title="The same requests to a service that computes nothing")
+    for name, (median, most) in found["bare"].items():
+        table.add_row(name, f"{median:.2f}", f"{most:.2f}")
+    console.print(table)
+    table = Table("client", "assembly", "answers", "seconds", title="100 calls in flight")
+    for row in found["in_flight"]:
+        table.add_row(row["client"], row["assembly"], str(row["answers"]), f"{row['seconds']:.3f}")
+    console.print(table)
+    table = Table("one push", "calls", "median ms", "99 % ms", title="One client among others")
+    for name, (count, median, most) in found["others"].items():
+        table.add_row(name, str(count), f"{median:.2f}", f"{most:.2f}")
+    console.print(table)
+    crowd, refusals = found["crowd"], found["refusals"]
+    console.print(
+        f"200 clients at once, after calls that were too much: {crowd['answers']} in {crowd['seconds']:.2f} s"
+    )
+    console.print(f"refused changes: {refusals['answers']}; {refusals['changed']} changed the assembly")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--calls", type=int, default=100, help="for each round trip")
@@ -300,60 +350,11 @@ def main() -> None:
         run(BareNode, [])
         return
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with tempfile.TemporaryDirectory() as folder:
-        write_scene(SCENES["cube"], Path(folder) / "scene.yaml")
-        server = start_server(arguments.domain, Path(folder) / "scene.yaml")
-        try:
-            caller = Caller(arguments.domain)
-            bare = bare_trips(caller, arguments.domain, arguments.calls)
-            trips = overheads(caller, arguments.calls)
-            bursts = in_flight(caller, 100, arguments.rounds)
-            others = beside_maps(caller, 10 * arguments.calls)
-            crowd = after_abuse(caller, 200)
-            refusals = refused_changes(caller, arguments.refusals)
-        finally:
-            server.terminate()
-            server.wait(PATIENCE)
-    console = Console(width=120)
-    table = Table(
-        "scene", "assembly", "pushes", "computation ms", "overhead ms: median", "95 %", title="One call at a time"
-    )
-    for row in trips:
-        median, most = row["overhead_ms"]
-        cells = (row["scene"], row["assembly"], str(row["pushes"]), f"{row['computation_ms']:.2f}")
-        table.add_row(*cells, f"{median:.2f}", f"{most:.2f}")
-    console.print(table)
-    table = Table("scene, one push", "median ms", "95 %", title="The same requests to a service that computes nothing")
-    for name, (median, most) in bare.items():
-        table.add_row(name, f"{median:.2f}", f"{most:.2f}")
-    console.print(table)
-    table = Table("client", "assembly", "answers", "seconds", title=f"100 calls in flight, {arguments.rounds} times")
-    for row in bursts:
-        table.add_row(row["client"], row["assembly"], str(row["answers"]), f"{row['seconds']:.3f}")
-    console.print(table)
-    table = Table("one push", "calls", "median ms", "99 % ms", title="One client among others")
-    for name, (count, median, most) in others.items():
-        table.add_row(name, str(count), f"{median:.2f}", f"{most:.2f}")
-    console.print(table)
-    console.print(
-        f"200 clients at once, after calls that were too much: {crowd['answers']} in {crowd['seconds']:.2f} s"
-    )
-    console.print(f"refused changes: {refusals['answers']}; {refusals['changed']} changed the assembly")
+    found = measure(arguments)
+    report(found)
     result = Path("out/benchmarks/robustness_service.json")
     result.parent.mkdir(parents=True, exist_ok=True)
-    result.write_text(
-        json.dumps(
-            {
-                "round_trips": trips,
-                "bare": bare,
-                "in_flight": bursts,
-                "others": others,
-                "crowd": crowd,
-                "refusals": refusals,
-            },
-            indent=1,
-        )
-    )
+    result.write_text(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
 from poise.nodes.arm_node import ArmNode
+from poise.nodes.backlog import Backlog
 from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
@@ -45,6 +46,7 @@ class InertialEstimator(ArmNode):
         """For who weighs on request, see `LiveEstimator.begin_window`."""
         self._published = self._told = 0
         self._rest = 0.0
+        self._backlog = Backlog(_DEPTH)
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
@@ -55,10 +57,11 @@ class InertialEstimator(ArmNode):
             (JointState, "joint_states", self._on_joint_state),
             (TFMessage, "tf", self._on_tf),
         ):
+            counted = self._backlog.counted(topic, callback)
             if topic == "wrench" and values["best_effort"]:
-                self.create_subscription(message_type, topic, guarded(self, callback), best_effort)
+                self.create_subscription(message_type, topic, guarded(self, counted), best_effort)
             else:
-                subscribe(self, message_type, topic, callback, _DEPTH)
+                subscribe(self, message_type, topic, counted, _DEPTH)
         for message_type, topic, callback, qos in (
             (Odometry, "odom", self._on_odometry, best_effort),
             (String, "robot_description", self._on_description, _LATCHED),
@@ -141,6 +144,8 @@ class InertialEstimator(ArmNode):
         return response
 
     def _update(self) -> None:
+        for topic in self._backlog.full():
+            self.get_logger().warning(f"{topic}: {_DEPTH} messages waited, and older ones are lost")
         self.live.update(time.monotonic())
         for change in self.live.changes[self._told :]:
             self._changes.publish(change_message(change, self.live.sensor_frame))
@@ -163,6 +168,7 @@ class InertialEstimator(ArmNode):
 
     def _diagnose(self) -> None:
         status = status_of(self.live, time.monotonic())
+        status = replace(status, values=status.values | {"queue_overflows": str(self._backlog.overflows)})
         if "wrench" not in self.live.heard:
             hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
             status = replace(status, message=status.message + hint)

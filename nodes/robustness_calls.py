@@ -15,6 +15,8 @@ from poise_msgs.srv import SetAssembly
 
 _SHORT_PUSHES, SHORT_OBJECTS = 100, 50
 """Pushes, and objects that a call brings, up to which it is not heavy."""
+_OLD = 1.0
+"""s from which on the age of a transform is stated."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,9 @@ class Call:
     version: int = 0
 
 
-def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limits: CallLimits, longest: float) -> Call:
+def call_of(
+    kind: str, request: Any, frames: FrameTree, present_frame: str, limits: CallLimits, longest: float, now: int = 0
+) -> Call:
     """Check a request and transform it.
 
     Args:
@@ -54,6 +58,7 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
         present_frame: of the assembly that is set.
         limits: of one call.
         longest: deadline, s, of calls without one.
+        now: ns, by which old transforms are noted.
 
     Raises:
         InputError: as `check_request`; FRAME_UNKNOWN.
@@ -64,9 +69,10 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
         raise InputError(ErrorCode.BAD_INPUT, what)
     check_request(request, limits)
     notes: list[str] = []
-    transformed = False
+    transformed, sent_in = False, ""
     if kind == "set":
         frame, uses_present, transformed = _place(request, frames, present_frame, notes)
+        sent_in = request.assembly.header.frame_id
         brought = [request.assembly]
     else:
         brought, uses_present = request.assembly, not request.assembly
@@ -74,7 +80,7 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
     if kind == "assess":
         if request.frame_id and request.frame_id != frame:
             transform_pushes(request.pushes, pose_between(frames, request.frame_id, frame))
-            transformed = True
+            transformed, sent_in = True, request.frame_id
         if not request.model:
             notes.append("model not given; the default")
         if request.map_points and not request.map_tolerance:
@@ -83,15 +89,19 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
         notes.append(f"deadline not given; {longest:g} s")
     elif request.deadline > longest:
         notes.append(f"deadline {request.deadline:g} s; this server takes {longest:g} s at most")
-    heavy = (
-        kind == "plan"
-        or sum(len(assembly.objects) for assembly in brought) > SHORT_OBJECTS
-        or (kind == "assess" and (request.map_points > 0 or len(request.pushes) > _SHORT_PUSHES))
-    )
+    if transformed and (age := frames.age(sent_in, frame, now)) > _OLD:
+        notes.append(f"the transform of {sent_in} is the newest one, {age:.1f} s old")
+    heavy = _is_heavy(kind, request, sum(len(assembly.objects) for assembly in brought))
     expected = request.expected_version if kind == "set" else 0
     if transformed:
         serialized = serialize_message(request)
     return Call(kind, serialized, frame, uses_present, heavy, expected, tuple(notes))
+
+
+def _is_heavy(kind: str, request: Any, objects: int) -> bool:
+    if kind == "plan" or objects > SHORT_OBJECTS:
+        return True
+    return kind == "assess" and (request.map_points > 0 or len(request.pushes) > _SHORT_PUSHES)
 
 
 def _place(

@@ -155,7 +155,8 @@ class RobustnessServer(Node):
         response.version = self._present.version
 
     def _task(self, kind: str, request: Any) -> Task:
-        call = call_of(kind, request, self._frames, self._present.frame, self._limits, self._longest)
+        now = self.get_clock().now().nanoseconds
+        call = call_of(kind, request, self._frames, self._present.frame, self._limits, self._longest, now)
         return Task(partial(self._answer, call), call.heavy, kind == "set", len(call.request))
 
     def _on_assembly(self, message: AssemblyMessage) -> None:

@@ -298,7 +298,8 @@ class WorldModel(Node):
         response.version = self._world.version
 
     def _task(self, request: SetAssembly.Request) -> Task:
-        call = call_of("set", request, self._frames, self._world.frame, CallLimits(), self._values["longest"])
+        longest, now = self._values["longest"], self._now()
+        call = call_of("set", request, self._frames, self._world.frame, CallLimits(), longest, now)
         return Task(lambda job, _: self._set(call, job), size=len(call.request))
 
     def _set(self, call: Call, job: Job) -> SetAssembly.Response:

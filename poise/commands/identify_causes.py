@@ -20,6 +20,7 @@ from poise.weighing import (
     find_causes,
     findings_of,
     is_withheld,
+    named_and_possible,
     repaired_wrench,
     with_causes,
     without_numbers,
@@ -76,12 +77,13 @@ def weighed_with_causes(weigh: Weigh, bag: Path, known: Known, repair: bool) -> 
         repaired = _repaired(weigh, recording, samples, wrench_topic, gravity, causes) if repair else None
         failure = NoAnswerError(causes[0].code, f"{error.message}; likely cause: {causes[0].sentence}")
         return repaired or Weighed(recording, None, findings_of(causes), failure)
-    estimate, causes = answer.estimate, causes_of(answer.estimate)
+    estimate = answer.estimate
+    causes, possible = named_and_possible(estimate)
     if repair and causes and estimate.samples is not None:
         repaired = _repaired(weigh, recording, estimate.samples, wrench_topic, gravity, causes)
         if repaired is not None:
             return repaired
-    estimate = with_causes(estimate, causes)
+    estimate = with_causes(estimate, causes, possible)
     if not is_withheld(answer.estimate, causes):
         return Weighed(recording, replace(answer, estimate=estimate))
     first = estimate.findings[0]

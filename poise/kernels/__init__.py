@@ -4,8 +4,9 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `averaging`: hypotheses about a payload. `chain`: forward kinematics. `clocks`: sums at many lags.
-- `records`: records of an mcap file. `robust`: least squares that weigh outliers less. `smoothing`: splines.
+- `averaging`: hypotheses about a payload. `bounds`: least squares with bounds. `chain`: forward kinematics.
+- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and a pendulum.
+- `robust`: least squares that weigh outliers less. `smoothing`: splines.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -22,9 +23,11 @@ if TYPE_CHECKING:
         sums_likelihood,
         weighed_sums,
     )
+    from poise.kernels.bounds import bounded_minimum
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
     from poise.kernels.records import find_records
+    from poise.kernels.recursions import innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
     from poise.kernels.smoothing import CompiledSplines
 
@@ -34,10 +37,14 @@ __all__ = [
     "CompiledHypotheses",
     "CompiledSplines",
     "bias_taken_out",
+    "bounded_minimum",
     "chain_motion",
     "clock_sums",
     "evidence",
     "find_records",
+    "innovation_squares",
+    "innovations",
+    "pendulum",
     "robust_fit",
     "sums_likelihood",
     "weighed_sums",
@@ -49,10 +56,14 @@ _FILES = {
     "evidence": "averaging",
     "sums_likelihood": "averaging",
     "weighed_sums": "averaging",
+    "bounded_minimum": "bounds",
     "Chain": "chain",
     "chain_motion": "chain",
     "clock_sums": "clocks",
     "find_records": "records",
+    "innovation_squares": "recursions",
+    "innovations": "recursions",
+    "pendulum": "recursions",
     "CompiledSplines": "smoothing",
     "robust_fit": "robust",
 }

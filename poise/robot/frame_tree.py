@@ -143,6 +143,13 @@ class FrameTree:
         common = next((name for name in of_reference if name in of_frame), None)
         return None if common is None else of_reference[common].inverse @ of_frame[common]
 
+    def age(self, frame: str, reference: str, now: int) -> float:
+        """s at `now`, ns, since the oldest of the newest moving transforms that join two frames; 0 without any."""
+        up, down = self._upwards(frame), self._upwards(reference)
+        joining = set(up) ^ set(down)  # without the common ancestors; the nearest of these moves both frames
+        newest = [self._moving[child].newest for child in joining if child in self._moving]
+        return max((1e-9 * (now - stamp) for stamp in newest if stamp is not None), default=0.0)
+
     def path(self, frame: str, reference: str | None) -> list[str]:
         """Frames below the reference (None: the topmost frame) down to `frame`; empty when it is not an ancestor."""
         names = self._upwards(frame)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, make_interp_spline
 
 from poise.errors import ErrorCode, InputError
 from poise.robot import RobotModel
@@ -213,7 +213,9 @@ class SplineTrajectory:
             raise _bad("a spline needs two samples at the least")
         rest: Any = [(1, np.zeros(checked.position.shape[1])), (2, np.zeros(checked.position.shape[1]))]
         self._start = float(checked.times[0])
-        self._spline: BSpline = make_interp_spline(checked.times, checked.position, k=5, bc_type=(rest, rest))
+        self._spline: scipy.interpolate.BSpline = scipy.interpolate.make_interp_spline(
+            checked.times, checked.position, k=5, bc_type=(rest, rest)
+        )
         self.duration = checked.duration
 
     def at(self, seconds: Array) -> JointMotion:

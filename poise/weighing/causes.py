@@ -31,6 +31,10 @@ _LEAST_GAIN, _LEAST_FIXED_GAIN = 8.0, 4.0
 _AS_WELL = 0.7
 """A cause precedes contact, which explains any residual, when it reduces the log of the residual by this share of what
 contact does."""
+_SPEAKS_FOR = 1.0
+"""Nats from which on the samples speak for a cause, though chance may gain as much."""
+_CHANCE = 0.01
+"""Prior probability of each kind of trouble: of what is weighed, most is healthy."""
 _CLEAR = 10.0
 """Nats by which the best cause is ahead of others that is certain."""
 _LEFT = 1.5
@@ -54,6 +58,7 @@ class Cause:
         explanation: the fit.
         partial: it leaves out a part of the recording, and so explains any residual there.
         open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
+        shown: its gain is more than that of chance.
     """
 
     code: ErrorCode
@@ -66,6 +71,7 @@ class Cause:
     explanation: Explanation
     partial: bool = False
     open_pull: float = 0.0
+    shown: bool = True
 
     @property
     def finding(self) -> EstimateFinding:
@@ -74,7 +80,16 @@ class Cause:
 
 
 def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[RejectedInterval] = ()) -> tuple[Cause, ...]:
+    """The causes that `possible_causes` shows."""
+    return tuple(cause for cause in possible_causes(samples, delay, pushed) if cause.shown)
+
+
+def possible_causes(
+    samples: FitSamples, delay: float = 0.0, pushed: Sequence[RejectedInterval] = ()
+) -> tuple[Cause, ...]:
     """Find what explains samples that a payload with a constant bias does not; the likeliest first.
+
+    Those that the samples speak for, but do not show, come last.
 
     Args:
         samples: of the weighing.
@@ -86,20 +101,30 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
         return ()
     plain = explain(samples, plain_design)
     families = (*FAMILIES, late_or_filtered(delay), in_contact(pushed))
-    found = [
+    tried = [
         cause
         for family in families
         for reading in family(samples, plain)
         if (cause := _tried(reading, samples, plain)) is not None
     ]
-    found.sort(key=lambda cause: -cause.gain)
+    tried.sort(key=lambda cause: -cause.gain)
+    found, others = ([cause for cause in tried if cause.shown is shown] for shown in (True, False))
     free = next((_level(cause) for cause in found if cause.partial), np.nan)
-    if not np.isfinite(free):
-        return _distinct(found)
-    begin = float(plain.levels.mean(axis=0).sum())
-    most = begin - _AS_WELL * (begin - free)
-    found.sort(key=lambda cause: 1 if cause.partial else 2 * (_level(cause) > most))
-    return _distinct(found)
+    if np.isfinite(free):
+        begin = float(plain.levels.mean(axis=0).sum())
+        most = begin - _AS_WELL * (begin - free)
+        found.sort(key=lambda cause: 1 if cause.partial else 2 * (_level(cause) > most))
+    named = {(cause.code, cause.partial) for cause in found}
+    others = [cause for cause in others if (cause.code, cause.partial) not in named]
+    return (*_distinct(found), *_distinct(others))
+
+
+def chances(causes: Sequence[Cause]) -> Array:
+    """(C,) posterior probabilities of causes, beside that of a healthy wrench."""
+    odds = np.array([cause.gain for cause in causes]) + np.log(_CHANCE)
+    most = float(odds.max(initial=0.0))
+    weights = np.exp(odds - most)
+    return np.asarray(weights / (weights.sum() + np.exp(-most)))
 
 
 def inertial_mass(samples: FitSamples, delay: float = 0.0) -> tuple[float, float]:
@@ -137,27 +162,34 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
     gain += plausibility(opened) - plausibility(plain)
     fixed = n_free == 0 and reading.usable is None and reading.reduced is None and reading.censored is None
-    if gain < (_LEAST_FIXED_GAIN if fixed else _LEAST_GAIN) and not (gain > 0 and impossible(plain)):
+    shown = gain >= (_LEAST_FIXED_GAIN if fixed else _LEAST_GAIN) or (gain > 0 and bool(impossible(plain)))
+    if not shown and gain < _SPEAKS_FOR:
         return None
     share = float(np.mean(improvement > 0.05))
-    before, after = plain.rms, np.exp(levels.mean(axis=0))
-    sentence, evidence = reading.says(best)
-    evidence = {
-        **evidence,
+    sentence, evidence = _evidence(reading, best, plain.rms, np.exp(levels.mean(axis=0)), share)
+    repair = None if reading.repair is None else reading.repair(best)
+    partial = reading.excluded is not None and reading.reduced is None
+    certain, evidence = share >= _IMPROVED, evidence | {"gain": gain}
+    return Cause(reading.code, sentence, evidence, gain, fixed, certain, repair, best, partial, pull, shown)
+
+
+def _evidence(
+    reading: Reading, found: Explanation, before: Array, after: Array, share: float
+) -> tuple[str, dict[str, float]]:
+    """The sentence of a reading and its numbers, with residuals (2,) before and after in N and N m."""
+    sentence, numbers = reading.says(found)
+    residuals = {
         "residual_force_before": float(before[0]),
         "residual_force_after": float(after[0]),
         "residual_torque_before": float(before[1]),
         "residual_torque_after": float(after[1]),
         "blocks_improved": share,
-        "gain": gain,
     }
     explained = (
         f"{sentence} (it reduces the residual from {before[0]:.2g} N and {before[1]:.2g} N m to {after[0]:.2g} N and"
         f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
     )
-    repair = None if reading.repair is None else reading.repair(best)
-    partial = reading.excluded is not None and reading.reduced is None
-    return Cause(reading.code, explained, evidence, gain, fixed, share >= _IMPROVED, repair, best, partial, pull)
+    return explained, {**numbers, **residuals}
 
 
 def _level(cause: Cause) -> float:

@@ -13,7 +13,7 @@ from poise.inertia.model import EstimateFinding
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.types import Array, Mask, Stamps
-from poise.weighing.causes import Cause, find_causes, inertial_mass
+from poise.weighing.causes import Cause, chances, inertial_mass, possible_causes
 from poise.weighing.fitting import impossible_payload
 from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
@@ -41,19 +41,27 @@ _ACCELERATIONS = 0.05
 
 
 def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
-    """The causes of a poor fit or of an impossible payload; of a fit that passes, those that change the answer.
+    """The causes of a poor fit or of an impossible payload; of a fit that passes, those that change the answer."""
+    return named_and_possible(estimate)[0]
+
+
+def named_and_possible(estimate: InertialEstimate) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """`causes_of` an estimate; and where no cause is shown, those that the samples speak for.
 
     The tests of a fit judge the size of its residual. A cause is more specific, and also explains a small one.
     """
     if estimate.samples is None:
-        return ()
+        return (), ()
     pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
-    causes = find_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
-    if causes and causes[0].partial and _only_contact(estimate):
-        return ()
-    if estimate.fit.passed and not _impossible(estimate) and not (causes and _is_material(estimate, causes[0])):
-        return ()
-    return causes
+    tried = possible_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
+    causes = tuple(cause for cause in tried if cause.shown)
+    if not causes:
+        return (), tuple(cause for cause in tried if not cause.partial)
+    if causes[0].partial and _only_contact(estimate):
+        return (), ()
+    if estimate.fit.passed and not _impossible(estimate) and not _is_material(estimate, causes[0]):
+        return (), ()
+    return causes, ()
 
 
 def _only_contact(estimate: InertialEstimate) -> bool:
@@ -74,15 +82,22 @@ def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
     return bool(np.any(step > _SIGMAS * spread + least))
 
 
-def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> InertialEstimate:
-    """The estimate with the likeliest cause, and its rivals, as findings before the others."""
+def with_causes(
+    estimate: InertialEstimate, causes: Sequence[Cause], possible: Sequence[Cause] = ()
+) -> InertialEstimate:
+    """The estimate with the likeliest cause, and its rivals, as findings before the others.
+
+    The covariance contains the payloads of these causes; those of `possible` ones by their probability.
+    """
     found = findings_of(causes)
     why = _impossible(estimate)
     if why and not found:
         found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
     strange = None if any(each.code is ErrorCode.GRAVITY_WRONG for each in found) else _strange_gravity(estimate)
     more = [each for each in (None if found else _maybe_compensated(estimate), strange) if each is not None]
-    covariance = estimate.covariance + _left_open(estimate, _named(causes))
+    weighed = [(cause, 1.0) for cause in _named(causes)]
+    weighed += zip(possible, chances(possible).tolist(), strict=True)
+    covariance = estimate.covariance + _left_open(estimate, weighed)
     return replace(estimate, covariance=covariance, findings=(*found, *more, *estimate.findings))
 
 
@@ -95,21 +110,26 @@ def _named(causes: Sequence[Cause]) -> list[Cause]:
     return [cause for cause in causes[:_MOST] if causes[0].gain - cause.gain < _RIVAL]
 
 
-def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
-    """(10, 10) by how much the payloads of the causes differ significantly from an estimate, and their pull."""
+def _left_open(estimate: InertialEstimate, causes: Sequence[tuple[Cause, float]]) -> Array:
+    """(10, 10) by how much payloads of causes differ significantly from an estimate, and their pull.
+
+    Args:
+        estimate: without them. causes: with the probability of each.
+    """
     phi = np.nan_to_num(estimate.phi)
     by_gravity = _gravity_step(estimate) * phi
     reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
     open_part, pull = np.outer(by_gravity, by_gravity), np.zeros(10)
-    for cause in causes:
+    for cause, chance in causes:
         step = cause.explanation.phi - phi
         variance = np.diag(cause.explanation.covariance)[:10] + np.nan_to_num(np.diag(estimate.covariance))
         seen = np.clip(1.0 - variance / np.maximum(step**2, 1e-30), 0.0, 1.0)
         step = np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0)
-        open_part += np.outer(step, step)
+        open_part += chance * np.outer(step, step)
         point = float(np.linalg.norm([cause.evidence.get(f"point_{axis}", 0.0) for axis in "xyz"]))
         lever = max(reach, point)  # a pull looks like a mass where it acts
-        pull = np.maximum(pull, cause.open_pull / STANDARD_GRAVITY * np.array([1.0] + [lever] * 3 + [lever**2] * 6))
+        size = np.sqrt(chance) * cause.open_pull / STANDARD_GRAVITY
+        pull = np.maximum(pull, size * np.array([1.0] + [lever] * 3 + [lever**2] * 6))
     return np.asarray(open_part + np.diag(pull**2))
 
 

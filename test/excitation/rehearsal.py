@@ -11,7 +11,8 @@ from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.execution import IdentificationTask, Session, SessionPhase, TimedMotion
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
 from poise.inertia.model.problem import UNKNOWN_NOISE, NoiseLevels
-from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import LiveEstimator
+from poise.inertia.pipeline.live_options import LiveOptions
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses
 from poise.robot.model import find_urdf

@@ -7,7 +7,8 @@ from simulated_motion import LOAD, Scene, record, steps
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
-from poise.inertia.pipeline.live import FLUSH_AFTER, GRACE, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import GRACE, LiveEstimator
+from poise.inertia.pipeline.live_options import FLUSH_AFTER, LiveOptions
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf

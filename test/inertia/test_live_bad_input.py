@@ -11,7 +11,8 @@ from poise.inertia import InertialEstimate
 from poise.inertia.model import regressor
 from poise.inertia.model.parts import Parts, box_moments
 from poise.inertia.model.problem import NoiseLevels
-from poise.inertia.pipeline.live import FLUSH_AFTER, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import LiveEstimator
+from poise.inertia.pipeline.live_options import FLUSH_AFTER, LiveOptions
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 

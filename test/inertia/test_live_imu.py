@@ -9,7 +9,8 @@ from simulated_motion import BIAS, GRAVITY, LOAD, record, swing
 from poise.errors import InputError
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.model.wrench_regressor import regressor
-from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import LiveEstimator
+from poise.inertia.pipeline.live_options import LiveOptions
 from poise.recording import Recording, open_recording
 from poise.robot import sensor_motion
 from poise.robot.model import find_urdf

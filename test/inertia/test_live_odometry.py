@@ -118,3 +118,25 @@ def test_an_invalid_robot_description_does_not_replace_a_valid_one(streams):
         estimator.set_robot_description("<robot", 0.1)
     assert estimator.joints is known
     assert estimator.problem is None
+
+
+@pytest.mark.parametrize("invalid", ["<robot", URDF.replace("ft_sensor", "wrist")])
+@pytest.mark.parametrize("wrench_first", [True, False])
+def test_nor_one_that_waits_for_the_sensor_frame_or_did_not_work(streams, wrench_first, invalid):
+    estimator = LiveEstimator(LiveOptions(sensor_frame="ft_sensor" if "wrist" in invalid else ""))
+    wrench = streams["wrench"]
+
+    def feel() -> None:
+        estimator.add_wrench(START, "ft_sensor", wrench.wrench_in_sensor[0], 0.0)
+
+    if wrench_first:
+        feel()
+    with pytest.raises(InputError) as caught:
+        estimator.set_robot_description(invalid, 0.0)
+    assert estimator.problem is caught.value  # there is none yet
+    estimator.set_robot_description(URDF, 0.1)
+    with pytest.raises(InputError):
+        estimator.set_robot_description(invalid, 0.2)
+    feel()
+    assert estimator.joints is not None
+    assert estimator.problem is None

@@ -120,12 +120,33 @@ def test_a_vertical_push_that_is_taken_for_a_payload_leaves_a_doubt_until_the_se
     fed(estimator, stamps, rows)
     assert estimator.changes
     solution = estimator.solve()
-    spread = np.sqrt(sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts) + solution.covariance[0, 0])
+    doubts = estimator.doubts(solution.bias)
+    spread = np.sqrt(sum(each.spread(solution.phi)[0, 0] for each in doubts) + solution.covariance[0, 0])
     assert abs(solution.phi[0] - 0.9) < 3 * spread
     fed(estimator, *samples(heavy, 4.0, 5.0, rng)[:2])
-    assert not estimator.doubts
+    assert not estimator.doubts(estimator.solve().bias)
     solution = estimator.solve()
     assert abs(solution.phi[0] - 0.9) < 3 * np.sqrt(solution.covariance[0, 0])
+
+
+@pytest.mark.parametrize("seed", [10, 11])
+def test_a_push_that_imitates_a_payload_at_first_is_told_by_the_bias_however_far_the_sensor_turns(seed):
+    rng = np.random.default_rng(seed)
+    heavy, bias = 20 * HELD, np.array([1.0, -2.0, 0.5, 0.02, 0.0, -0.03])
+    estimator = ContinuousEstimator(None, NoiseLevels(0.05, 0.0025, force_bias=np.inf, torque_bias=np.inf))
+    for payload, seconds, begin, push in ((LIGHT, 5.0, 0.0, 0.0), (heavy, 4.0, 5.0, 0.0), (heavy, 5.0, 9.0, 3.0)):
+        stamps, rows, turn = samples(payload, seconds, begin, rng)
+        aside = 0.6 * (stamps - stamps[0]) * 1e-9 if push else np.zeros(len(stamps))  # N
+        rows[:, 9:12] += turn.inv().apply(np.column_stack([aside, 0 * aside, 0 * aside + push]))
+        rows[:, 9:] += bias
+        for first in range(0, len(stamps), 50):
+            fed(estimator, stamps[first : first + 50], rows[first : first + 50])
+            if push and len(estimator.changes) > 1:
+                solution = estimator.solve()
+                spread = sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts(solution.bias))
+                assert abs(solution.phi[0] - 0.9) < 3 * np.sqrt(spread + solution.covariance[0, 0])
+    assert len(estimator.changes) == 2
+    np.testing.assert_allclose(estimator.tare, bias, atol=0.05)
 
 
 @pytest.mark.parametrize("seed", [8, 9])
@@ -139,5 +160,5 @@ def test_until_a_release_in_much_noise_is_certain_the_estimate_of_a_light_payloa
         if begin < 60 or begin % 10:
             continue
         solution = estimator.solve()
-        spread = sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts) + solution.covariance[0, 0]
-        assert abs(solution.phi[0] - 0.02) < 3 * np.sqrt(spread)
+        spread = sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts(solution.bias))
+        assert abs(solution.phi[0] - 0.02) < 3 * np.sqrt(spread + solution.covariance[0, 0])

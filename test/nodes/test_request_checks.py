@@ -132,6 +132,17 @@ def test_each_default_of_a_call_is_stated():
     assert "taken as world" in call_of("set", request, FrameTree(), "world", LIMITS, 30.0).notes[0]
 
 
+def test_an_old_transform_is_stated():
+    frames, second = FrameTree(one_parent=False, keep=False), 10**9
+    for stamp, parent, child in ((5, "odom", "world"), (90, "base", "camera"), (99, "world", "base")):
+        frames.add([stamp * second], parent, child, np.eye(3)[None], np.zeros((1, 3)))
+    frames.add([0], "camera", "optical", np.eye(3)[None], np.zeros((1, 3)), fixed=True)
+    request = assess(LOW_PUSH, frame_id="optical", deadline=1.0, model="default")
+    for now, notes in ((90, ()), (100, ("the transform of optical is the newest one, 10.0 s old",))):
+        found = call_of("assess", request, frames, "world", LIMITS, 30.0, now * second)
+        assert found.notes == notes
+
+
 def test_heavy_calls_are_recognised():
     def heavy(request, kind="assess"):
         return call_of(kind, request, FrameTree(), "world", LIMITS, 30.0).heavy

@@ -7,6 +7,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from poise.nodes.backlog import Backlog
 from poise.nodes.runtime import subscribe, topic_hint
 
 pytestmark = pytest.mark.ros
@@ -32,6 +33,24 @@ def test_best_effort_publishers_are_heard_and_nothing_is_heard_twice(graph, raw)
     reliable.publish(WrenchStamped())
     graph.wait_for(lambda: len(heard) >= 4, what="two reliable messages")
     assert len(heard) == 4
+    node.destroy_node()
+
+
+def test_a_queue_that_was_full_while_the_node_was_held_up_is_counted(graph) -> None:
+    node = Node("held_up", context=graph.node.context)
+    graph.add(node)
+    backlog = Backlog(20)
+    heard: list[object] = []
+    subscribe(node, WrenchStamped, "wrench", backlog.counted("wrench", heard.append), backlog.depth)
+    publisher = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=100))
+    graph.wait_for(publisher.get_subscription_count, what="the subscription")
+    for count, least, full in ((10, 10, []), (60, 20, ["wrench"]), (10, 10, [])):
+        heard.clear()
+        for _ in range(count):
+            publisher.publish(WrenchStamped())
+        graph.wait_for(lambda least=least: len(heard) >= least, what="the messages that waited")
+        assert backlog.full() == full
+    assert backlog.overflows == 1
     node.destroy_node()
 
 

@@ -1,17 +1,27 @@
 """The search for causes: each kind of trouble on the same simulated weighing, and the repair of those that have one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
-from poise.inertia import InertialParameters
+from poise.inertia import InertialParameters, identify
 from poise.inertia.model import motion_signals, signal_columns
 from poise.inertia.verdict import FitSamples
-from poise.recording import WrenchStream
-from poise.weighing import after_repair, causes_of, find_causes, is_withheld, repaired_wrench, with_causes
+from poise.recording import WrenchStream, open_recording
+from poise.weighing import (
+    after_repair,
+    causes_of,
+    find_causes,
+    is_withheld,
+    named_and_possible,
+    repaired_wrench,
+    with_causes,
+)
+from poise.weighing.causes import chances
 from poise.weighing.fitting import explain, impossible_payload, plain_design
 
 LOAD = InertialParameters(1.2, np.array([0.02, -0.03, 0.08]), np.diag([6e-3, 5e-3, 3e-3]))
@@ -259,6 +269,32 @@ def test_a_wrong_unit_that_little_shows_withholds_a_number_that_passes_the_tests
     assert 5 < causes[0].gain < 15  # a cause with parameters of its own would need 15
     assert is_withheld(estimate, causes)
     assert causes_of(replace(estimate, phi=LOAD.phi, samples=replace(MOTION, wrench=CLEAN + 100 * NOISE))) == ()
+
+
+def test_a_number_contains_a_cause_that_is_not_named_by_its_probability():
+    wrench = (CLEAN + 100 * NOISE) * np.repeat([1 / 4.4482216, 1], 3) + BIAS
+    light = estimated(replace(MOTION, wrench=wrench))
+    found, _ = named_and_possible(light)
+    assert abs(light.phi[0] - LOAD.mass) > 10 * light.mass_std
+    widths = []
+    for gain in (-5.0, 2.0, 4.0):
+        weak = replace(found[0], gain=gain, shown=False)
+        odds = 0.01 * np.exp(gain)
+        assert chances([weak, weak]) == pytest.approx(odds / (1 + 2 * odds))
+        wide = with_causes(light, (), (weak,))
+        assert all(each.code is not ErrorCode.FORCE_UNIT for each in wide.findings)
+        step = weak.explanation.phi[0] - light.phi[0]
+        assert wide.mass_std == pytest.approx(np.hypot(light.mass_std, step * np.sqrt(odds / (1 + odds))), rel=0.01)
+        widths.append(wide.mass_std)
+    assert widths[0] < 0.1 * widths[1]
+    assert abs(light.phi[0] - LOAD.mass) < 3 * widths[2]
+    healthy = estimated(replace(MOTION, wrench=CLEAN + 100 * NOISE))
+    assert named_and_possible(healthy) == ((), ())
+
+
+def test_causes_that_do_not_change_a_healthy_real_recording_do_not_widen_it():
+    recording = open_recording(Path(__file__).resolve().parents[2] / "bags" / "kuka_vibration.mcap")
+    assert named_and_possible(identify(recording, keep_history=False).estimate) == ((), ())
 
 
 def test_gravity_that_is_not_that_of_the_earth_is_a_finding():

@@ -54,9 +54,13 @@ _MEMORY = 2_500_000_000
 _SPREAD_AFTER, _LEAST_SPREAD = 3.0, np.array([0.01, 0.0005])
 """Of the bias after a change: in units of how well it was known before, but at least what sensors creep, N and N m."""
 
+_OTHER_ZERO, _FORGOTTEN = 3.0, 10.0
+"""Spreads by which a bias differs from that before the change only if something else touches the payload; and s of
+samples after which the sensor itself may have moved."""
+
 _EVEN, _IMITATED = 0.5, 0.2
-"""Probability of another payload before it is certain; and of a contact that imitates the new payload: its force must
-point along gravity."""
+"""Probability of another payload before it is certain, or while the bias contradicts the new one; and of a contact that
+imitates the new payload: its force must point along gravity."""
 
 _TURNED, _LONG_AGO = np.cos(np.radians(30)), 3_000_000_000
 """Cosine of the angle between attitudes, and ns, after which a contact no longer imitates a payload."""
@@ -122,6 +126,7 @@ class ContinuousEstimator:
         self._other: Contradiction | None = None
         self._doubted = np.iinfo(np.int64).min
         self._before: Expectation | None = None
+        self._imitated = False
         self._estimator = PoiseEstimator(parts, noise, block=_BLOCK, **options)
 
     def hold(self, parts: Parts | None) -> None:
@@ -174,16 +179,28 @@ class ContinuousEstimator:
         """ns from which on samples are of the payload held now."""
         return self._since
 
-    @property
-    def doubts(self) -> tuple[PayloadDoubt, ...]:
-        """What else may be held than what was estimated from all samples since the last change."""
+    def doubts(self, bias: Array) -> tuple[PayloadDoubt, ...]:
+        """What else may be held than what was estimated, with a bias (6,), from all samples since the last change."""
         found = []
         if self._other is not None:
             found.append(PayloadDoubt(self._other.phi, self._other.covariance, _EVEN))
-        if self._before is not None:
-            phi, covariance = self._before.unknowns[:10], self._before.covariance[:10, :10]
-            found.append(PayloadDoubt(phi, covariance, _IMITATED))
+        touched = self._is_other_zero(bias - self._tare) and self._age < _FORGOTTEN
+        if self._before is not None and (touched or self._imitated):
+            phi, uncertain = self._before.unknowns[:10], self._before.covariance[:10, :10]
+            found.append(PayloadDoubt(phi, uncertain, _EVEN if touched else _IMITATED))
         return tuple(found)
+
+    @property
+    def _age(self) -> float:
+        """S of samples since the last change."""
+        return (int(self._memory[-1][0][-1]) - self._since) * 1e-9 if self._memory else 0.0
+
+    def _is_other_zero(self, bias: Array) -> bool:
+        """A bias (6,) beside the tare is not that of the sensor at the last change."""
+        if not self.noise.zeroed:  # no bias was known
+            return False
+        spread = np.repeat([self.noise.force_bias, self.noise.torque_bias], 3)
+        return bool(np.any(np.abs(bias) > _OTHER_ZERO * spread))
 
     def solve(self) -> BayesSolution:
         """Estimate the payload held now.
@@ -217,8 +234,7 @@ class ContinuousEstimator:
             self._other = None
         if not doubtful:
             self._sure = now
-            if self._before is not None and _settled(blocks):
-                self._before = None
+            self._imitated = self._imitated and not _settled(blocks)
         settled = not doubtful or now - self._sure > _PATIENCE
         if settled and self._solved is not None and now - self._solved > _REFERENCE:
             self._expect(now)
@@ -249,18 +265,31 @@ class ContinuousEstimator:
             self._expected.popleft()
 
     def _begin(self, since: int, known: Expectation) -> None:
-        """Start over from a stamp on, with nothing but the bias; without it, if it was learnt in contact."""
-        self._since, self._before, self._other = since, known, None
+        """Start over from a stamp on, with nothing but the bias; without it, if it was learnt in contact.
+
+        A payload with another bias than the sensor's was a contact: what was held and known before it counts.
+        """
+        other_zero = self._is_other_zero(known.unknowns[10:])
+        in_contact = other_zero and known.seconds < _FORGOTTEN
+        before = self._before if in_contact else known
+        self._since, self._before, self._imitated, self._other = since, before, True, None
         self._expected.clear()
-        if known.touched:
+        if in_contact:
+            self._restart(since, None, self._estimator.noise)
+            return
+        if known.touched and (other_zero or not self.noise.zeroed):
             self._tare = np.zeros(6)
-            self._restart(since, None, replace(self._estimator.noise, force_bias=np.inf, torque_bias=np.inf))
+            self._restart(
+                since, None, replace(self._estimator.noise, force_bias=np.inf, torque_bias=np.inf, zeroed=0.0)
+            )
             return
         self._tare = self._tare + known.unknowns[10:]
         deviation = np.sqrt(np.diag(known.covariance)[10:].reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
         spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD)
-        spread_noise = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
+        spread_noise = replace(
+            noise, force_bias=float(spread[0]), torque_bias=float(spread[1]), zeroed=1 / _SPREAD_AFTER
+        )
         self._restart(since, None, spread_noise)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:

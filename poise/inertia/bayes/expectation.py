@@ -100,7 +100,7 @@ class Expectation:
         unknowns = self.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self.residual)
         apart = MeanCheck(left.means, blocks.sizes, self.noise).distances(unknowns)
-        fits = bool((apart < LIMIT).all()) and _is_body(unknowns[:4], np.sqrt(np.diag(covariance)[:4]))
+        fits = bool((apart < LIMIT).all()) and _is_body(unknowns[:4], np.sqrt(np.diag(covariance)[:4].clip(min=0.0)))
         before = residuals(moments, blocks.sizes, self.unknowns, self.residual)
         gain = MeanCheck(before.means, blocks.sizes, self.noise).distances(self.unknowns) - apart
         first = int(np.argmax(np.cumsum(gain[::-1])[::-1]))

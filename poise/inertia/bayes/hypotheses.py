@@ -40,7 +40,8 @@ _SHIFT_PER_STRETCH = 0.7
 """A centroid errs by this much of the radius of gyration, when the radius errs by one."""
 
 _BIASES = ((0.0, 0.5), (1.0, 0.4), (20.0, 0.1))
-"""(spread of the sensor's bias in units of what is expected, probability): zeroed, as expected, never zeroed."""
+"""(spread of the sensor's bias in units of what is expected, probability): zeroed (at least `NoiseLevels.zeroed`), as
+expected, never zeroed."""
 
 _EXPECTED_BIAS = (0.5, 0.02)
 """N, N m: of a sensor that was zeroed some time ago; where nothing else is given."""
@@ -206,5 +207,6 @@ def bias_variances(noise: NoiseLevels) -> Array:
     """(B, 6) N^2 and (N m)^2, of the cases of the sensor's bias."""
     given = np.array([noise.force_bias, noise.torque_bias])
     expected = np.where(given > 0, np.minimum(given, _UNKNOWN_BIAS), _EXPECTED_BIAS)
-    spreads = np.minimum(np.outer([factor for factor, _ in _BIASES], expected), _UNKNOWN_BIAS)
+    factors = [max(factor, noise.zeroed) for factor, _ in _BIASES]
+    spreads = np.minimum(np.outer(factors, expected), _UNKNOWN_BIAS)
     return np.repeat(spreads**2, 3, axis=1)

@@ -27,8 +27,11 @@ MEAN_UNKNOWNS = 5
 _MOST_CORRELATED = 0.8
 """Of neighbouring blocks; what is more correlated lasts."""
 
-_SHOWN_AFTER = 2.0
+_SHOWN_AFTER = 6.0
 """s of samples, after which the residuals show lasting errors and nothing is assumed of them."""
+
+_EXCLUDED = 2.0
+"""Standard errors above what the residuals show, beyond which they exclude a lasting error."""
 
 _COLOURED = 0.5
 """Share of the noise of a sample that may last: sensors are filtered, and creep."""
@@ -72,15 +75,21 @@ def lasting_variances(means: Array, blocks: MomentBlocks, keep: Mask) -> Array:
         blocks: the samples.
         keep: (B,) blocks that are used.
     """
+    common, error = _in_common(means, blocks, keep)
+    return np.where(common > _NOTABLE * error, common, 0.0)
+
+
+def _in_common(means: Array, blocks: MomentBlocks, keep: Mask) -> tuple[Array, Array]:
+    """(2,) what residual means have in common beyond noise with a short memory, and its standard error by chance."""
     sums = [_products(means, blocks, keep, lag) for lag in _LAGS]
     count = sum(number for _, number in sums)
     if count < len(_LAGS) * _LEAST_PAIRS:
-        return np.zeros(2)
+        return np.zeros(2), np.full(2, np.inf)
     total = _mean_squares(means, keep)
     short = neighbour_correlation(means, blocks, keep)
     fading = sum(number * short**lag for lag, (_, number) in zip(_LAGS, sums, strict=True)) / count
     common = sum(products for products, _ in sums) / (3 * count) - total * fading
-    return np.where(common > _NOTABLE * total / np.sqrt(3 * count), common, 0.0)
+    return common, total / np.sqrt(3 * count)
 
 
 def _products(means: Array, blocks: MomentBlocks, keep: Mask, lag: int) -> tuple[Array, int]:
@@ -96,13 +105,20 @@ def _mean_squares(means: Array, keep: Mask) -> Array:
     return np.array([used[:, :3].mean(), used[:, 3:].mean()])
 
 
-def assumed_variances(phi: Array, noise: NoiseLevels, blocks: MomentBlocks, accuracy: float) -> Array:
-    """(2,) variance of lasting errors of a load phi (10,) in its first seconds, before the residuals show them.
+def assumed_variances(
+    phi: Array, noise: NoiseLevels, means: Array, blocks: MomentBlocks, keep: Mask, accuracy: float
+) -> Array:
+    """(2,) variance of lasting errors of a load phi (10,) in its first seconds, unless the residuals exclude it.
+
+    A fit takes a share of slow errors out of its residuals: in each channel, `MEAN_UNKNOWNS` / 3 unknowns follow the
+    errors of two durations each.
 
     Args:
         phi: of the load.
         noise: of a sample.
+        means: (B, 6) residual means, N and N m.
         blocks: the samples.
+        keep: (B,) blocks that are used.
         accuracy: share of the load; 0: the noise is white, and all there is.
     """
     if not accuracy:
@@ -112,7 +128,10 @@ def assumed_variances(phi: Array, noise: NoiseLevels, blocks: MomentBlocks, accu
     weight = STANDARD_GRAVITY * phi[0]
     moment = STANDARD_GRAVITY * float(np.linalg.norm(phi[1:4])) + weight * _ARM
     by_noise = _COLOURED * np.array([noise.force, noise.torque])
-    return np.asarray(unknown * ((accuracy * np.array([weight, moment])) ** 2 + by_noise**2))
+    common, error = _in_common(means, blocks, keep)
+    taken_out = 2 * _DURATION * MEAN_UNKNOWNS / 3 / max(seconds, _DURATION)
+    most = (common.clip(min=0.0) + _EXCLUDED * error) * (1 + taken_out)
+    return np.asarray(unknown * np.minimum((accuracy * np.array([weight, moment])) ** 2 + by_noise**2, most))
 
 
 def gains(sums: Array, covariance: Array, weight: Array) -> Array:

@@ -123,8 +123,9 @@ class PosteriorSearch:
         """(16, 16) of phi and bias, with the uncertainty of the delay and errors that last."""
         moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
         known = np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
-        shown = lasting_variances(self.found.means, self.blocks, self.keep)
-        variances = np.maximum(shown, assumed_variances(self._phi, self.noise, self.blocks, self._accuracy))
+        judged = self.found.means, self.blocks, self.keep
+        assumed = assumed_variances(self._phi, self.noise, *judged, self._accuracy)
+        variances = np.maximum(lasting_variances(*judged), assumed)
         memory = self._memory
         if not variances.any() and not memory.any():
             return known

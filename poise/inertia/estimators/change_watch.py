@@ -53,10 +53,9 @@ class ChangeWatch:
         mass = self._estimator.mass
         return mass is not None and mass < _EMPTY_HAND
 
-    @property
-    def doubts(self) -> tuple[PayloadDoubt, ...]:
-        """What else may be held than what is estimated."""
-        return self._estimator.doubts
+    def doubts(self, bias: Array) -> tuple[PayloadDoubt, ...]:
+        """What else may be held than what is estimated, with a bias (6,)."""
+        return self._estimator.doubts(bias)
 
     def hold(self, parts: Parts) -> None:
         """Set the shape of the payload; soon after a change."""
@@ -73,7 +72,7 @@ class ChangeWatch:
         if self._given.accelerometer is not Accelerometer.NONE:  # its offset times the mass is in the bias
             lost = OFFSET_SPREAD * sum(abs(change.mass_after - change.mass_before) for change in known.changes)
             force, torque = float(np.hypot(force, lost)), float(np.hypot(torque, _REACH * lost))
-        noise = replace(self._given.noise, force_bias=force, torque_bias=torque)
+        noise = replace(self._given.noise, force_bias=force, torque_bias=torque, zeroed=known.noise.zeroed)
         return replace(self._given, parts=self._parts, noise=noise, tare=known.tare, since=known.since)
 
     def add(self, motion: SensorMotion, wrench: Array) -> None:

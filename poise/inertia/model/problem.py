@@ -29,6 +29,8 @@ class NoiseLevels:
         angular_acceleration: rad/s2.
         force_bias: N.
         torque_bias: N m.
+        zeroed: spread of the constant that a zeroed sensor still reads, as a share of the two above: 0 where the device
+            zeroed itself, more where an estimate gave the bias that was taken out.
     """
 
     force: float = 0.1
@@ -37,6 +39,7 @@ class NoiseLevels:
     angular_acceleration: float = 0.5
     force_bias: float = 0.0
     torque_bias: float = 0.0
+    zeroed: float = 0.0
 
     @property
     def has_bias(self) -> bool:

@@ -2,17 +2,17 @@
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.geometry import STANDARD_GRAVITY, Pose, are_rotations
+from poise.geometry import Pose, are_rotations
 from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
-from poise.inertia.estimators import AUTO, DEFAULT_METHOD, check_method, estimator_named
-from poise.inertia.model import UNKNOWN_NOISE, NoiseLevels, Parts
+from poise.inertia.estimators import AUTO, check_method, estimator_named
+from poise.inertia.model import Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
+from poise.inertia.pipeline.live_options import ALWAYS, FRAMES, IMUS, JOINTS, NEVER, SOURCES, LiveOptions
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot import (
     FrameSource,
@@ -20,61 +20,18 @@ from poise.robot import (
     JointSource,
     LiveImu,
     MotionSource,
-    PairingSettings,
     RobotModel,
+    parse_urdf,
     robot_on_odometry,
 )
 from poise.types import Array
 
-_JOINTS, _FRAMES = "joint_states", "tf"
-SOURCES = (AUTO, _JOINTS, _FRAMES)
-
-_ALWAYS, _NEVER = "always", "never"
-IMUS = (AUTO, _ALWAYS, _NEVER)
-
 GRACE = 1.0
 """s that tf waits, in `auto`, for joint states and a robot description: they are the better source."""
-FLUSH_AFTER = 0.5
-"""s without any message after which the pipeline waits no longer, by default."""
 _EARLY, _EARLY_SPAN = 20_000, 20.0
 """Wrenches and joint states, and s of tf, that are kept until the source of the motion is chosen."""
 _RECENT = 4000
 """Joint states and odometry that are kept for the source that replaces the present one when the base begins to move."""
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """The settings of a live estimator.
-
-    Args:
-        sensor_frame: frame of the wrench; empty: that of its first message.
-        base_frame: gravity-aligned frame in tf; empty: the topmost.
-        motion_source: `joint_states`, `tf`, or `auto`: joint states when they and a robot description come, else tf.
-        imu: `always`, `never`, or `auto`: an IMU that tf_static joins to the sensor gives the linear acceleration where
-            tf has attitudes only. On a base that moves, `always` gives what joint states cannot.
-        gravity: m/s2.
-        method: see `OnlineEstimator`.
-        parts: of the payload, in the sensor frame; None when its shape is not known.
-        accuracy, noise, window, continuous: see `OnlineEstimator`.
-        saturation: force [N] and torque [N m] at which a channel counts as saturated.
-        settings: how wrenches and motion are brought together.
-        flush_after: s without any message after which wrenches wait no longer for later motion.
-    """
-
-    sensor_frame: str = ""
-    base_frame: str = ""
-    motion_source: str = AUTO
-    imu: str = AUTO
-    gravity: float = STANDARD_GRAVITY
-    method: str = DEFAULT_METHOD
-    parts: Parts | None = None
-    accuracy: float = SHAPE_ACCURACY
-    noise: NoiseLevels = UNKNOWN_NOISE
-    window: float = np.inf
-    continuous: bool = False
-    saturation: tuple[float, float] = (np.inf, np.inf)
-    settings: PairingSettings = field(default_factory=PairingSettings)
-    flush_after: float = FLUSH_AFTER
 
 
 class LiveEstimator:
@@ -143,11 +100,20 @@ class LiveEstimator:
         self._flushed = False
 
     def set_robot_description(self, text: str, now: float) -> None:
-        """Take a URDF. Another one than before starts the estimate afresh; an invalid one raises InputError."""
-        if text == self._description or self.options.motion_source == _FRAMES:
+        """Take a URDF. Another one than before starts the estimate afresh; an invalid one changes nothing.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN or UNSUPPORTED, see `RobotModel.from_urdf`. While the
+                sensor frame is not known, only what is no URDF is refused.
+        """
+        if text == self._description or self.options.motion_source == FRAMES:
             return
-        if self.joints is not None:
-            RobotModel.from_urdf(text, self.sensor_frame)
+        try:
+            self._robot_of(text) if self.sensor_frame else parse_urdf(text)
+        except InputError as error:
+            if not self._description:
+                self.problem = error
+            raise
         self._description = text
         if self._uses(self.joints):
             self.estimator = None
@@ -158,7 +124,7 @@ class LiveEstimator:
         self, stamp: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike, now: float
     ) -> None:
         """Take a joint state, (K,) each; no velocities: an empty array."""
-        if self.options.motion_source == _FRAMES:
+        if self.options.motion_source == FRAMES:
             return
         if self.joints is None:
             self.early_joints.append((stamp, names, position, velocity))
@@ -172,7 +138,7 @@ class LiveEstimator:
 
     def add_odometry(self, stamp: int, rotation: ArrayLike, translation: ArrayLike, now: float) -> None:
         """Take the pose of the root link in the world, (3, 3) and (3,) m; it counts once it shows motion."""
-        if self.options.motion_source == _FRAMES:
+        if self.options.motion_source == FRAMES:
             return
         turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
         if not (are_rotations(turn) and np.isfinite(shift).all()):
@@ -202,7 +168,7 @@ class LiveEstimator:
         """
         turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
         self.hand.add([stamp], parent, child, turn, shift, fixed=fixed)
-        if self.options.motion_source == _JOINTS or self._uses(self.joints):
+        if self.options.motion_source == JOINTS or self._uses(self.joints):
             return
         used = self.frames.extend([stamp], parent, child, turn, shift, fixed=fixed)
         if used and not fixed:
@@ -226,7 +192,7 @@ class LiveEstimator:
 
     def add_imu(self, stamp: int, frame_id: str, acceleration: ArrayLike) -> None:
         """Take the linear acceleration (3,) m/s2 of an IMU, in its own axes, gravity's reaction included."""
-        if self.options.imu != _NEVER:
+        if self.options.imu != NEVER:
             self.imu.add(stamp, frame_id, acceleration)
 
     # -- what comes out --------------------------------------------------------------------------------------
@@ -341,10 +307,7 @@ class LiveEstimator:
         if not self._description or not self.sensor_frame or self.joints is not None:
             return
         try:
-            robot = RobotModel.from_urdf(self._description, self.sensor_frame)
-            if self.base_moves:
-                robot = robot_on_odometry(robot, self._description, self._has_joints)
-            self.joints = JointSource(robot)
+            self.joints = JointSource(self._robot_of(self._description))
             self.problem = None
         except InputError as error:
             self.problem = error
@@ -354,6 +317,10 @@ class LiveEstimator:
                 self.joints.add_odometry([stamp], turn[None], shift[None])
         while self.early_joints:
             self.add_joint_state(*self.early_joints.popleft(), now)
+
+    def _robot_of(self, text: str) -> RobotModel:
+        robot = RobotModel.from_urdf(text, self.sensor_frame)
+        return robot_on_odometry(robot, text, self._has_joints) if self.base_moves else robot
 
     def _has_joints(self, names: tuple[str, ...]) -> bool:
         """Some joint state contains these joints; True before the first one."""
@@ -366,7 +333,7 @@ class LiveEstimator:
             return
         lacking = estimator.source is self.frames and not self.frames.has_positions
         lacking &= estimator_named(self.options.method).uses_imu
-        if (lacking or self.options.imu == _ALWAYS) and self.imu.rides_on(self.sensor_frame):
+        if (lacking or self.options.imu == ALWAYS) and self.imu.rides_on(self.sensor_frame):
             estimator.take_imu(self.imu)
 
     def _uses(self, source: MotionSource | None) -> bool:

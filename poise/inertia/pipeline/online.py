@@ -288,7 +288,7 @@ class OnlineEstimator:
         else:
             found = running.estimate(self.frame_id)
         if self._changes is not None:
-            found = found.doubted(self._changes.doubts)
+            found = found.doubted(self._changes.doubts(found.bias))
         if not self.foreign_wrenches:
             return found
         return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))
@@ -352,9 +352,7 @@ class OnlineEstimator:
         if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
             changes.hold(self._coming)
             self._coming = None
-        bias = changes.prior.noise
-        noise = replace(self._prior.noise, force_bias=bias.force_bias, torque_bias=bias.torque_bias)
-        prior = replace(changes.prior, accuracy=self._prior.accuracy, noise=noise)
+        prior = replace(changes.prior, accuracy=self._prior.accuracy)
         self._running = EstimatorGroup(self._running.method, self._pipeline, prior)
 
     def _notice_jump(self) -> None:

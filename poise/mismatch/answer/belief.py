@@ -5,7 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import EQUAL_EVIDENCE, EffectCandidate, HypothesisSearch, ProvenModel
+from poise.mismatch.inference import (
+    EQUAL_EVIDENCE,
+    EffectCandidate,
+    EffectProof,
+    FittedEffect,
+    HypothesisSearch,
+    ProvenModel,
+    alike,
+)
 
 _MISFIT = 4.0
 """Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
@@ -66,14 +74,19 @@ class BeliefBasis:
 
 
 def beliefs(
-    model: ProvenModel, instead: Sequence[Mapping[str, EffectCandidate]], misfit: float
+    model: ProvenModel, instead: Sequence[Mapping[str, EffectCandidate]], misfit: float, beside: str = ""
 ) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
+
+    An event with a free course follows anything brief. Where an unknown effect stays beside it, that effect alone is as
+    likely: it counts as an equal rival. So does a similar effect of the same answer where the residual is within the
+    noise without the name: one of the two may explain what both share.
 
     Args:
         model: the answer, with its proofs; effects that lack a proof are no rivals.
         instead: for each part, what the effects of the library win in its place.
         misfit: share of the error of the nominal model that the answer leaves above the noise.
+        beside: state on which the unknown part of the answer depends; "" without one.
     """
     lost = set(model.dropped) - {part.effect.name for part in model.fit.parts}
     found = []
@@ -86,28 +99,43 @@ def beliefs(
         # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
         curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
         odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
+        odds = _with_equals(odds, model, part, proof, beside)
         # An effect that contains the name and does no better is no rival.
-        against = {rival: value for rival, value in odds.items() if gains[rival] > own or not _contains(rival, name)}
+        against = {
+            rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
+        }
         basis = BeliefBasis(proof.support, sum(against.values()))
         reported = sorted(((rival, basis.probability * value) for rival, value in against.items()), key=_second)
-        alike = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
+        equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
         kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
-        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(alike)), basis))
+        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis))
     return tuple(found)
+
+
+def _with_equals(
+    odds: dict[str, float], model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str
+) -> dict[str, float]:
+    """The odds of rivals, with those that are equal to a name by rule, see `beliefs`."""
+    if beside and part.effect.free_course:
+        odds = {rival: value for rival, value in odds.items() if effect_named(rival)} | {f"unknown:{beside}": 1.0}
+    others = [other.effect for other in model.fit.parts if other.effect.name != part.effect.name]
+    similar = [other.name for other in others if proof.within_noise and alike(other, part.effect)]
+    return odds | dict.fromkeys(similar, 1.0)
 
 
 def rival_odds(own: float, rival: float, misfit: float) -> float:
     """Odds of a rival relative to a name, at most 1.
 
     A likelihood assumes that one of the hypotheses is exact. None is: what the best answer leaves unexplained shows by
-    how much its responses are wrong, and rivals that differ from it by as little are as likely (a power likelihood;
-    Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
+    how much responses are wrong, and rivals that differ from it by as little are as likely (a power likelihood; Miller
+    and Dunson 2019, "Robust Bayesian inference via coarsening"). The error of a response is a share of it: a rival that
+    explains hardly anything is not excused by what the name leaves.
 
     Args:
         own, rival: log evidence of the named effect, and of another one in its place.
         misfit: share of the held-out error that the answer leaves, see `beliefs`.
     """
-    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + _MISFIT * misfit * max(own, 0.0)))
+    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + _MISFIT * misfit * max(rival, 0.0)))
 
 
 def _second(pair: tuple[str, float]) -> float:

@@ -284,6 +284,7 @@ def _examined(
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     misfit = _misfit(proof, rest.excess)
+    beside = "" if unknown is None else next(iter(unknown.depends_on), "time")
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"
@@ -294,7 +295,7 @@ def _examined(
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*named_effects(final, best, model, instead, misfit), *detected),
+        findings=(*named_effects(final, best, model, instead, misfit, beside), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.

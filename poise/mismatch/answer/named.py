@@ -55,9 +55,10 @@ def named_effects(
     model: ProvenModel,
     instead: Sequence[Mapping[str, EffectCandidate]],
     misfit: float,
+    beside: str,
 ) -> list[NamedEffect]:
-    """The effects of the best fit; `instead` and `misfit` as in `beliefs`."""
-    confidence = beliefs(model, instead, misfit)
+    """The effects of the best fit; `instead`, `misfit` and `beside` as in `beliefs`."""
+    confidence = beliefs(model, instead, misfit, beside)
     inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(

@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from poise.geometry import cross
+from poise.geometry import cross, rotation_of_vector
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import best_fit
 from poise.mismatch.recorded import RecordedMotion
@@ -45,7 +44,7 @@ class BaseTilt(Effect):
         yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        turn = Rotation.from_rotvec([-values[_NAMES[0]], -values[_NAMES[1]], 0.0]).as_matrix()
+        turn = rotation_of_vector([-values[_NAMES[0]], -values[_NAMES[1]], 0.0])
         gravity = recorded.to_world(recorded.gravity)
         return _weighed(recorded, (gravity @ turn.T - gravity)[:, None])[:, :, 0]
 

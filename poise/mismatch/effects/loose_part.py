@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
@@ -143,7 +143,7 @@ class LoosePart(Effect):
         far, speed = np.abs(course(begin))
         begin[2] = np.log(max(float(np.median(far[0, crossed != 0.0])), 1e-4))
         begin[3] = np.log(max(float(np.median(np.abs(impulses))) / max(float(np.median(speed[0])), 1e-3), 1e-3))
-        found = least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
+        found = scipy.optimize.least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
         gap = float(np.clip(np.exp(found[2]), 6e-4, 0.09))
         place = np.clip(found[4:], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
         return _values(gap, knocks.settling, _axis(found), place)
@@ -184,7 +184,7 @@ class LoosePart(Effect):
                 return np.asarray(there - here)
 
             begin = np.clip([p.to_unit(found[p.name]) for p in moving], 1e-3, 1.0 - 1e-3)
-            places = least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
+            places = scipy.optimize.least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
             found = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
         return found
 

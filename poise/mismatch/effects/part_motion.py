@@ -2,10 +2,11 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg.lapack import dtbtrs
 
 from poise.geometry import cross
+from poise.kernels import COMPILED, pendulum
+from poise.mismatch.recorded import hermite
 from poise.types import Array
 
 _MOST_KNOCKS = 2000
@@ -107,26 +108,23 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
     turn = np.stack([np.interp(even, seconds, w) for w in (rate * (damping * square / (1.0 + half))).T], axis=1)
     steady = drive[:3] / np.linalg.norm(drive[:3], axis=1, keepdims=True)
     before = 3.0 * steady[0] - 3.0 * steady[1] + steady[2]
-    places = np.array(_shaken(steady[0].tolist(), before.tolist(), drive, turn, half)).reshape(-1, 3)
+    places = (pendulum if COMPILED else _shaken)(np.stack([steady[0], before]), drive, turn, half)
     # The same correction for the speed: of a sine, a central difference says sin(w h) / (w h) of it.
     speeds = np.gradient(places, axis=0, edge_order=2) * (frequency / np.sin(frequency * step))
-    return _with_second(seconds, pull, rate, damping, CubicHermiteSpline(even, places, speeds))
+    u, du = (hermite(even, places.T, speeds.T, seconds, derivative).T for derivative in (0, 1))
+    return _with_second(pull, rate, damping, u, du)
 
 
-def _with_second(
-    seconds: Array, pull: Array, rate: Array, damping: float, swing: CubicHermiteSpline
-) -> tuple[Array, Array, Array]:
-    u = swing(seconds)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    du = swing(seconds, 1)
+def _with_second(pull: Array, rate: Array, damping: float, u: Array, du: Array) -> tuple[Array, Array, Array]:
+    u = u / np.linalg.norm(u, axis=1, keepdims=True)
     force = pull - damping * (du - cross(rate, u))
     inward = np.einsum("ni,ni->n", u, force) + np.einsum("ni,ni->n", du, du)
     return u, du, force - inward[:, None] * u
 
 
-def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[float]:
-    """(3 K,) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
-    (x, y, z), (x0, y0, z0) = now, before
+def _shaken(start: Array, drive: Array, turn: Array, half: float) -> Array:
+    """See `poise.kernels.pendulum`. Plain floats: arrays of three numbers would be slower."""
+    (x, y, z), (x0, y0, z0) = start.tolist()
     a, b = 2.0 / (1.0 + half), (1.0 - half) / (1.0 + half)
     out: list[float] = []
     for px, py, pz, wx, wy, wz in zip(*drive.T.tolist(), *turn.T.tolist(), strict=True):
@@ -140,7 +138,7 @@ def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, ha
         held = along - (beyond**0.5 if beyond > 0.0 else 0.0)
         x0, y0, z0 = x, y, z
         x, y, z = fx - held * x, fy - held * y, fz - held * z
-    return out
+    return np.array(out).reshape(-1, 3)
 
 
 def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> tuple[Array, Array, Array]:

@@ -3,9 +3,8 @@
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from poise.geometry import cross
+from poise.geometry import cross, rotation_of_vector
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -40,7 +39,7 @@ class SensorRotation(Effect):
         yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        turn = Rotation.from_rotvec([values[name] for name in _NAMES]).as_matrix()
+        turn = rotation_of_vector([values[name] for name in _NAMES])
         read = np.hstack([recorded.prediction[:, :3] @ turn, recorded.prediction[:, 3:] @ turn])
         return np.asarray(read - recorded.prediction)
 

@@ -10,7 +10,7 @@ from poise.mismatch.inference.fitting import (
     refine,
 )
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names, residual_of
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
@@ -40,6 +40,7 @@ __all__ = [
     "ProvenModel",
     "SignalNoise",
     "TimeLimit",
+    "alike",
     "dependence_curve",
     "effort_problem",
     "effort_sizes",

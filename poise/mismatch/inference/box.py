@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from poise.kernels import COMPILED, bounded_minimum
 from poise.types import Array
 
 _GAP = 1e-4
@@ -53,6 +54,8 @@ def box_minimum(normal: Array, right: Array, lower: Array, upper: Array, near: A
 
 def _boxed(normal: Array, right: Array, lower: Array, upper: Array, near: Array | None) -> Array:
     """The least where every coefficient has a bound."""
+    if COMPILED:
+        return bounded_minimum(normal, right, lower, upper, near)
     if near is not None:
         width = _TOUCH * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
         side = (near >= upper - width).astype(np.int8) - (near <= lower + width)

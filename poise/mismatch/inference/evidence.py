@@ -154,8 +154,11 @@ class ProjectedColumns:
             lower: (m,) no coefficient is below; None: no bound.
         """
         known, count = self.beside, len(self.vector)
-        own = self.products + np.diag(precision + self._least())
-        curvature = np.block([[known.curvature, self.across], [self.across.T, own]])
+        size = len(known.mean)
+        curvature = np.empty((size + count, size + count))
+        curvature[:size, :size] = known.curvature
+        curvature[:size, size:], curvature[size:, :size] = self.across, self.across.T
+        curvature[size:, size:] = self.products + np.diag(precision + self._least())
         right = np.concatenate([known.right, self.vector if mean is None else self.vector + precision * mean])
         free = np.full(count, np.inf)
         low = np.concatenate([-known.bounds, -free if lower is None else lower])
@@ -164,7 +167,7 @@ class ProjectedColumns:
         both = box_minimum(curvature, right, low, np.concatenate([known.bounds, free]), near)
         self._last[:] = [both]
         before = first @ (0.5 * curvature @ first - right)
-        return both[len(known.mean) :], float(2.0 * (before - both @ (0.5 * curvature @ both - right)))
+        return both[size:], float(2.0 * (before - both @ (0.5 * curvature @ both - right)))
 
     def drop(self, coefficients: Array) -> float:
         """Decrease of the square for these coefficients, without their prior."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
+from poise.kernels import COMPILED, innovation_squares, innovations
 from poise.mismatch.recorded import block_means, noise_level
 from poise.types import Array
 
@@ -78,13 +79,15 @@ class SignalNoise:
         if channel is None:
             out = across
             for number, filtered in enumerate(self._filters):
-                out[:, number] = filtered(out[:, number] / self.sigma[number])
+                filtered(out[:, number], 1.0 / self.sigma[number])
             return out
         out = np.zeros((len(channel), len(self.colours), len(values)))
         for number, filtered in enumerate(self._filters):
             rows = channel == number
             if rows.any():
-                out[rows, number] = filtered(across[rows] / self.sigma[number])
+                chosen = across[rows]
+                filtered(chosen, 1.0 / self.sigma[number])
+                out[rows, number] = chosen
         return out
 
     @cached_property
@@ -131,20 +134,24 @@ class _Innovation:
         decay = np.exp(-np.diff(seconds, append=seconds[-1]) / colour.tau)
         variance, kalman = _stationary(gain, decay)
         self.deviation = np.sqrt(variance)
+        self._weight = 1.0 / self.deviation
         self._band, self._drive = _recursion(gain, decay, kalman)
 
-    def __call__(self, values: Array) -> Array:
-        """(K, N) -> (K, N)."""
+    def __call__(self, values: Array, scale: float) -> None:
+        """Replace signals (K, N) by the innovations of these signals times a factor."""
+        if COMPILED and not self.plain:
+            innovations(values, scale, self.gain, -self._band[1], self._drive, self._weight)
+            return
+        values *= scale
         if self.plain or not len(values):  # without columns, dtbtrs writes beyond its arrays
-            return values
+            return
         right = np.empty(values.shape)
         right[:, 0] = 0.0
         np.multiply(self._drive[:-1], values[:, :-1], out=right[:, 1:])
         state = dtbtrs(self._band, right.T, uplo="L", overwrite_b=1)[0].T
         state *= self.gain
-        np.subtract(values, state, out=state)
-        state /= self.deviation
-        return np.asarray(state)
+        values -= state
+        values *= self._weight
 
 
 def _stationary(gain: Array, decay: Array) -> tuple[Array, Array]:
@@ -228,13 +235,7 @@ def _most_likely(start: SignalNoise, residual: Array, block: int, period: float)
         gain = _gain_of(grown * floor, grown * slope, speed, moved)
         decay = np.exp(-gap / tau)[:, None]
         variance, kalman = _stationary(gain, decay)
-        # Channels that share their gain are filtered at once.
-        square = np.concatenate(
-            [
-                _squares(values if gain.shape[1] == 1 else values[:, [c]], gain[:, c], decay[:, 0], kalman[:, c])
-                for c in range(gain.shape[1])
-            ]
-        )
+        square = (innovation_squares if COMPILED else _squares)(values, gain, kalman, decay[:, 0])
         log_variance = np.log(variance).sum(axis=0)
         # Most likely level for each candidate, kept near the level of neighbouring samples.
         likely = np.clip(square / n, (level / _EXCESS) ** 2, (level * _EXCESS) ** 2)
@@ -254,8 +255,15 @@ def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
     return np.asarray(np.clip(found, least, _EXCESS**2 * least))
 
 
-def _squares(values: Array, gain: Array, decay: Array, kalman: Array) -> Array:
-    """(K,) sums of the squared innovations of (N, K) values, divided by their variance."""
+def _squares(values: Array, gain: Array, kalman: Array, decay: Array) -> Array:
+    """See `poise.kernels.innovation_squares`; channels that share their gain are filtered at once."""
+    if gain.shape[1] == 1:
+        return _of_one_gain(values, gain[:, 0], kalman[:, 0], decay)
+    each = [_of_one_gain(values[:, [c]], gain[:, c], kalman[:, c], decay) for c in range(gain.shape[1])]
+    return np.concatenate(each)
+
+
+def _of_one_gain(values: Array, gain: Array, kalman: Array, decay: Array) -> Array:
     band, drive = _recursion(gain, decay, kalman)
     right = np.zeros(values.shape, order="F")
     np.multiply(drive[:-1, None], values[:-1], out=right[1:])

@@ -86,6 +86,11 @@ class EffectProof:
         return min(self.evidence, self.gain)
 
     @property
+    def within_noise(self) -> bool:
+        """Whether the residual without the effect is no larger than the noise, where the effect acts."""
+        return self.excess <= _EXCESS
+
+    @property
     def lacking(self) -> str:
         """What the proof lacks, as a clause; "" for a proof that holds."""
         if self.gain < _LEAST_GAIN:

@@ -6,7 +6,7 @@ Where one of them wins, the answer is `unknown`, with the state and the shape of
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -218,6 +218,11 @@ def harmonics(direction: Array) -> Array:
     return np.stack(first + second + third, axis=1)
 
 
+@cache
+def _coefficients(count: int) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(f"c{k}", "", _TYPICAL, hidden=True) for k in range(count))
+
+
 class Dependence(Effect):
     """The wrench has a part that is some function of one state: the description of physics that is not in the library.
 
@@ -241,7 +246,7 @@ class Dependence(Effect):
     def at(self, recorded: RecordedMotion) -> VaryingState | None:
         """The state in a recording, cached for all models; None when it does not vary."""
         for seconds, state in self._known:
-            if np.array_equal(seconds, recorded.seconds):
+            if seconds is recorded.seconds or np.array_equal(seconds, recorded.seconds):
                 return state
         made = states(recorded, _level(recorded)).get(self._kind)
         found = None if made is None else made()
@@ -251,7 +256,7 @@ class Dependence(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         state = self.at(recorded)
         count = 0 if state is None else state.columns.shape[2]
-        return tuple(EffectParameter(f"c{k}", "", _TYPICAL, hidden=True) for k in range(count))
+        return _coefficients(count)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

@@ -196,8 +196,9 @@ def _forward(robot: RobotModel, joints: JointMotion, moving_base: BaseMotion | N
         velocity[i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).vector
         acceleration[i] = pin.getFrameAcceleration(model, data, frame, pin.LOCAL).vector
         found = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
-        # pinocchio gives rows for a single joint
-        v_by_q, a_by_position, _, a_by_a = (np.reshape(each, (6, len(v))) for each in found)
+        if len(v) == 1:  # pinocchio gives rows for a single joint
+            found = [np.reshape(each, (6, 1)) for each in found]
+        v_by_q, a_by_position, _, a_by_a = found
         by_q[i], a_by_q[i], jacobian[i] = v_by_q[:, -moving:], a_by_position[:, -moving:], a_by_a[:, -moving:]
         if base is not None:
             base.take(i, model, data)

@@ -6,7 +6,7 @@ from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
 from poise.mismatch.recorded.recorded_motion import BaseTrack, CommandTrack, EffortTrack, JointTrack, RecordedMotion
-from poise.mismatch.recorded.resampling import at_times
+from poise.mismatch.recorded.resampling import at_times, hermite
 
 __all__ = [
     "LINK_PARAMETERS",
@@ -22,6 +22,7 @@ __all__ = [
     "block_means",
     "directed",
     "forces_at",
+    "hermite",
     "joint_torques",
     "lattice",
     "load_wrench",

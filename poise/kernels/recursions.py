@@ -1,0 +1,72 @@
+"""Recursions from sample to sample: innovations of coloured noise, and a pendulum."""
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.kernels.arrays import address, contiguous
+from poise.kernels.library import library
+from poise.types import Array
+
+
+def innovations(signals: Array, scale: float, gain: Array, fade: Array, drive: Array, weight: Array) -> None:
+    """Replace signals (K, N) by the innovations of white and coloured noise; needs `COMPILED`.
+
+    Args:
+        signals: rows in time; they may stand apart from each other. Changed.
+        scale: factor on the signals.
+        gain, fade, drive, weight: (N,) of the state in a sample, what is left of it at the next one, what of a value
+            enters it, and of the innovation.
+
+    Raises:
+        InputError: TYPE_MISMATCH for other arrays.
+    """
+    rows, count = signals.shape
+    if not rows:
+        return
+    step, along = signals.strides
+    if signals.dtype != np.float64 or along != signals.itemsize or step % signals.itemsize:
+        raise InputError(ErrorCode.TYPE_MISMATCH, "signals are rows of doubles")
+    series = [contiguous(each, count, what="a series") for each in (gain, fade, drive, weight)]
+    first = signals.ctypes.data
+    library.poise_innovations(rows, count, step // signals.itemsize, first, scale, *map(address, series))
+
+
+def innovation_squares(values: Array, gain: Array, kalman: Array, decay: Array) -> Array:
+    """(K,) sums of the squared innovations of values (N, K), divided by their variance; needs `COMPILED`.
+
+    Args:
+        values: (N, K).
+        gain, kalman: (N, 1) of all columns, or (N, K) of each.
+        decay: (N,) of the state, to the next sample.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes.
+    """
+    given = contiguous(values, -1, -1, what="values")
+    count, columns = given.shape
+    gains = 1 if gain.shape[1] == 1 else columns
+    pair = [contiguous(each, count, gains, what="gains") for each in (gain, kalman)]
+    rest = contiguous(decay, count, what="the decay")
+    squares = np.empty(columns)
+    arrays = (*map(address, pair), address(rest), address(squares))
+    library.poise_innovation_squares(count, columns, address(given), gains, *arrays)
+    return squares
+
+
+def pendulum(start: Array, drive: Array, turn: Array, half: float) -> Array:
+    """(N, 3) positions of a pendulum on the unit sphere; needs `COMPILED`.
+
+    Args:
+        start: (2, 3) at the first step, and before it.
+        drive, turn: (N, 3) see `poise.mismatch.effects.part_motion.hanging`.
+        half: half of the damping in a step.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes.
+    """
+    push = contiguous(drive, -1, 3, what="drives")
+    turned = contiguous(turn, len(push), 3, what="turns")
+    begin = contiguous(start, 2, 3, what="the start")
+    places = np.empty(push.shape)
+    library.poise_pendulum(len(push), address(begin), address(push), address(turned), half, address(places))
+    return places

@@ -1,0 +1,90 @@
+"""The compiled filters, pendulum and bounded least squares of a diagnosis against their forms in Python."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from poise.errors import InputError
+from poise.kernels import bounded_minimum, innovation_squares, innovations, pendulum
+from poise.mismatch.effects import part_motion
+from poise.mismatch.inference import box, noise
+from poise.mismatch.inference.noise import NoiseColour, SignalNoise
+from poise.mismatch.recorded import at_times
+
+N = 300
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_the_least_inside_bounds_is_that_of_python(
+    near: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for count in (1, 2, 9, 60):
+        columns = rng.normal(size=(count, 2 * count)) * np.logspace(-2, 2, count)[:, None]
+        normal, right = columns @ columns.T, columns @ rng.normal(size=2 * count)
+        lower, upper = -rng.uniform(0.0, 0.3, count), rng.uniform(0.0, 0.3, count)
+        lower[1::4], upper[2::4] = -np.inf, np.inf
+        start = rng.uniform(-0.1, 0.1, count) if near else None
+        found = []
+        for compiled in (True, False):
+            monkeypatch.setattr(box, "COMPILED", compiled)
+            found.append(box._boxed(normal, right, lower, upper, start))
+        np.testing.assert_allclose(found[0], found[1], rtol=1e-7, atol=1e-10)
+    with pytest.raises(np.linalg.LinAlgError):
+        bounded_minimum(-np.eye(2), np.ones(2), -np.ones(2), np.ones(2), np.zeros(2))
+    with pytest.raises(InputError):
+        bounded_minimum(np.eye(2), np.ones(3), -np.ones(3), np.ones(3), None)
+
+
+@pytest.mark.parametrize("signals", [1, 4, 7])
+def test_innovations_are_those_of_python(
+    signals: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = np.cumsum(rng.uniform(0.005, 0.02, N))
+    colours = (NoiseColour(), NoiseColour(0.3, 0.2, 0.08), NoiseColour(1.0, 0.0, 0.32))
+    level = SignalNoise(np.array([0.1, 0.2, 3.0]), colours, seconds, rng.uniform(size=N), np.ones(3), np.ones(3))
+    values = rng.normal(size=(N, 3, signals))
+    channel = np.arange(signals) % 3
+    found = []
+    for compiled in (True, False):
+        monkeypatch.setattr(noise, "COMPILED", compiled)
+        found.append((level.whiten(values), level.whiten(values[:, 0], channel)))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    with pytest.raises(InputError):
+        innovations(values[:, 0].T, 1.0, seconds, seconds, seconds, seconds)  # columns, not rows
+    with pytest.raises(InputError):
+        innovations(np.ones((2, N)), 1.0, seconds[1:], seconds, seconds, seconds)
+
+
+@pytest.mark.parametrize("gains", [1, 6])
+def test_squares_of_innovations_are_those_of_python(gains: int, rng: np.random.Generator) -> None:
+    values, gain = rng.normal(size=(N, 6)), rng.uniform(0.0, 1.0, (N, gains))
+    decay = rng.uniform(0.5, 1.0, N)
+    kalman = noise._stationary(gain, decay[:, None])[1]
+    found = innovation_squares(values, gain, kalman, decay)
+    np.testing.assert_allclose(found, noise._squares(values, gain, kalman, decay), rtol=1e-12)
+    with pytest.raises(InputError):
+        innovation_squares(values, gain[1:], kalman, decay)
+
+
+def test_a_pendulum_swings_as_in_python(rng: np.random.Generator) -> None:
+    start = np.array([[0.0, 0.0, -1.0], [0.1, 0.0, -0.995]])
+    drive, turn = 1e-3 * rng.normal(size=(2, N, 3)) + [0.0, 0.0, -0.01]
+    found = pendulum(start, drive, turn, 0.01)
+    np.testing.assert_allclose(found, part_motion._shaken(start, drive, turn, 0.01), atol=1e-12)
+    with pytest.raises(InputError):
+        pendulum(start[:1], drive, turn, 0.01)
+
+
+@pytest.mark.parametrize("samples", [4, 5, N])
+def test_interpolation_is_that_of_scipy(samples: int, rng: np.random.Generator) -> None:
+    seconds = np.cumsum(rng.uniform(0.005, 0.02, samples))
+    values = rng.normal(size=(samples, 2, 3))
+    wanted = rng.uniform(seconds[0] - 0.1, seconds[-1] + 0.1, N)
+    expected = make_interp_spline(seconds, values, k=3)(np.clip(wanted, seconds[0], seconds[-1]))
+    np.testing.assert_allclose(at_times(seconds, values, wanted), expected, atol=1e-12)

@@ -1,0 +1,37 @@
+"""Explanations that share the belief with a name: unknown effects, and similar effects of the same answer."""
+
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from poise.mismatch.answer.belief import EffectBelief, beliefs, rival_odds
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import EffectProof, FittedEffect, HypothesisFit, ProvenModel
+
+
+def beliefs_of(names: tuple[str, ...], excess: float, beside: str = "") -> tuple[EffectBelief, ...]:
+    """Of an answer with ample evidence and no rivals in the library."""
+    parts = tuple(FittedEffect(effect, {}) for effect in map(effect_named, names) if effect is not None)
+    proof = EffectProof(6, 6, 1.2, 1.0, 4500.0, 0.3, 0.0, 40.0, 4700.0, excess, 0.0)
+    fit = cast(HypothesisFit, SimpleNamespace(parts=parts))
+    return beliefs(ProvenModel(fit, (proof,) * len(parts), (), {}), [{} for _ in parts], 0.04, beside)
+
+
+@pytest.mark.parametrize(("name", "shares"), [("contact", True), ("sensor_bias", False)])
+def test_an_event_that_follows_anything_shares_with_the_unknown_effect_beside_it(name: str, shares: bool) -> None:
+    (alone,), (found,) = beliefs_of((name,), 20.0), beliefs_of((name,), 20.0, "time")
+    assert alone.probability > 0.9
+    assert (found.probability < 0.5) == shares
+    assert (found.rivals[:1] == (("unknown:time", found.probability),)) == shares
+
+
+@pytest.mark.parametrize(("excess", "shares"), [(-0.03, True), (12.0, False)])
+def test_similar_names_share_where_the_residual_without_one_is_within_the_noise(excess: float, shares: bool) -> None:
+    filtered, late = beliefs_of(("low_pass", "clock_offset"), excess)
+    assert (max(filtered.probability, late.probability) < 0.5) == shares
+    assert (filtered.alike == ("clock_offset",)) == shares
+
+
+def test_a_rival_that_explains_hardly_anything_is_none_however_much_the_answer_leaves() -> None:
+    assert rival_odds(1587.0, 6.9, 1.0) < 1e-6
