@@ -85,7 +85,7 @@ def listed(recorded: RecordedMotion, values: Sequence[float], unit: str) -> str:
     """Values by joint, the largest first, without much smaller ones: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
     track = efforts(recorded)
     ranked = sorted(zip(values, track.names, strict=True), key=lambda item: -abs(item[0]))
-    shown = [(name, value) for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
+    shown = [(name, value) for value, name in ranked[:3] if abs(value) >= 0.15 * abs(ranked[0][0])]
     units = [track.unit(unit, name) for name, _ in shown]
     if len(set(units)) > 1:
         return ", ".join(f"{name} {value:.3g} {own}" for (name, value), own in zip(shown, units, strict=True))
