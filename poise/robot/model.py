@@ -229,11 +229,21 @@ class RobotModel:
     @property
     def slides_first(self) -> bool:
         """The first joint is prismatic."""
-        joints = self._moving_joints()
-        return bool(joints) and str(joints[0].shortname()).startswith("JointModelP")
+        return not set(self.joint_names[:1]).isdisjoint(self.prismatic)
+
+    @property
+    def prismatic(self) -> tuple[str, ...]:
+        """The joints that slide: their positions are in m, their efforts in N."""
+        model = self.pinocchio
+        slides = {name for name, joint in zip(model.names, model.joints, strict=True) if _slides(joint)}
+        return tuple(name for name in self.joint_names if name in slides)
 
     def _moving_joints(self) -> list[pin.JointModel]:
         return [self.pinocchio.joints[i] for i in range(1 if self.base == "fixed" else 2, self.pinocchio.njoints)]
+
+
+def _slides(joint: pin.JointModel) -> bool:
+    return str(joint.shortname()).startswith("JointModelP")
 
 
 def find_urdf(path: str | Path) -> Path:

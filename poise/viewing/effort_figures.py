@@ -24,10 +24,12 @@ def friction_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
     responses = _responses(examination)
     curve = sum((responses[name] for name in _FRICTION if name in responses), np.zeros(effort.measured.shape))
     data = residual_of(examination.problem, examination.best) + curve
-    return [
-        _panel(f"{key}-{j}", f"{effort.names[j]}, friction", "velocity", effort.velocity[:, j], data[:, j], curve[:, j])
-        for j in _drawn(examination, curve)
-    ]
+    panels = []
+    for j in _drawn(examination, curve):
+        name = effort.names[j]
+        title, across = f"{name}, friction, {effort.unit('N m', name)}", effort.unit("rad/s", name)
+        panels.append(_panel(f"{key}-{j}", title, across, effort.velocity[:, j], data[:, j], curve[:, j]))
+    return panels
 
 
 def response_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
@@ -40,7 +42,8 @@ def response_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
         for j in () if name in _FRICTION else _drawn(examination, response):
             title = f"{effort.names[j]}, {name.replace('_', ' ')}"
             data = (left + response)[:, j]
-            panels.append(_panel(f"{key}-{name}-{j}", title, "response", response[:, j], data, response[:, j]))
+            across = f"response, {effort.unit('N m', effort.names[j])}"
+            panels.append(_panel(f"{key}-{name}-{j}", title, across, response[:, j], data, response[:, j]))
     return panels
 
 

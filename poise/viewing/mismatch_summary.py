@@ -16,6 +16,8 @@ _STRETCH = 0.25
 """s over which a residual's size is averaged for display."""
 _ALONE, _BESIDE = 8, 3
 """Hypotheses that are drawn: single effects, and those with as many effects as the answer or one more."""
+_SPELT = 2
+"""Names of an answer up to which every hypothesis is written out."""
 _SURE = 0.9
 """Probability below which a name is reported with a warning."""
 _MUCH = 1.25
@@ -58,7 +60,7 @@ def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
     problem = examination.problem
     effort = problem.recorded.effort if problem.signal == "effort" else None
     channels = WRENCH_CHANNELS if effort is None else effort.names
-    units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
+    units = ("N",) * 3 + ("N m",) * 3 if effort is None else tuple(effort.unit("N m", name) for name in channels)
     before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
     after = residual_of(problem, examination.best)
     return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.held_out)
@@ -93,7 +95,17 @@ def ladder(examination: SignalDiagnosis) -> list[Rung]:
     kept.update(best(_ALONE, (key for key in gains if len(key) == 1)))
     kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
     kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
-    return [Rung(labelled(key), gains[key], key == answer) for key in sorted(kept, key=lambda key: -gains[key])]
+    possible = (key for key in sorted(kept, key=lambda key: -gains[key]) if np.isfinite(gains[key]))
+    return [Rung(_beside(key, answer), gains[key], key == answer) for key in possible]
+
+
+def _beside(key: tuple[str, ...], answer: tuple[str, ...]) -> str:
+    """A hypothesis for display; by its difference from an answer of many names."""
+    if len(answer) <= _SPELT or len(key) <= 1:
+        return labelled(key)
+    less, more = (tuple(sorted(set(one) - set(other))) for one, other in ((answer, key), (key, answer)))
+    changes = [f"without {labelled(less)}"] * bool(less) + [f"with {labelled(more)}"] * bool(more)
+    return f"the answer {', '.join(changes)}".rstrip()
 
 
 def labelled(parts: tuple[str, ...]) -> str:

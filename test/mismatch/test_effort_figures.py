@@ -16,6 +16,6 @@ def test_a_friction_curve_explains_the_data_behind_it() -> None:
     found = diagnose(reading.recorded, reading.model, None, [viscous])
     (examination,) = found.examinations
     (panel,) = friction_panels(examination, "key")
-    assert panel.alt == "slide, friction: data over velocity; the curve explains 100 % of their square."
+    assert panel.alt == "slide, friction, N: data over m/s; the curve explains 100 % of their square."
     assert panel.figure().axes[0].lines
     assert response_panels(examination, "key") == []

@@ -31,6 +31,14 @@ def test_few_enough_samples_are_left_and_they_are_averages(seconds: float, rate:
     assert (len(kept) < round(seconds * rate)) == (seconds * rate > MAX_WRENCH_SAMPLES or rate > MAX_WRENCH_RATE)
 
 
+def test_a_clock_that_jumps_is_told_from_a_long_recording() -> None:
+    given = stream(20.0, 100.0)
+    late = given.stamps + np.where(np.arange(len(given)) < 1500, 0, 3600 * 10**9)
+    kept, notes = usable(WrenchStream(late, given.wrench_in_sensor, given.frame_id))
+    assert len(kept) == 1500
+    assert any("jump by 3600 s at 15.0 s" in note for note in notes)
+
+
 def test_a_base_motion_between_two_samples_does_nothing() -> None:
     recorded = make_case(3, duration=6.0).recorded()
     between = float(recorded.seconds[50:52].mean())

@@ -31,6 +31,9 @@ def test_friction_is_named_from_joint_efforts_alone(text: str) -> None:
     found = diagnose(reading.recorded, reading.model, library=effects_called(["viscous_friction"]))
     (named,) = found.findings
     assert list(named.values.values()) == pytest.approx([3.0] * text.count("<joint"), rel=0.05)
+    unit = "N s/m" if "prismatic" in text else "N m s/rad"
+    assert {each.unit for each in named.parameters.values()} == {unit}
+    assert f" {unit}; " in named.sentence
     assert found.main.proof.augmented < 0.5 * found.main.proof.nominal
     healthy = read(Recorded(text).joints(), text)
     assert not diagnose(healthy.recorded, healthy.model, library=effects_called(["viscous_friction"])).findings
@@ -40,6 +43,9 @@ def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() 
     reading, names = read(Recorded(TURN).joints(), TURN), ["viscous_friction", "sensor_bias"]
     found = diagnose(reading.recorded, reading.model, library=effects_called(names))
     assert found.untestable["sensor_bias"] == "the recording has no wrench"
+    # Efforts alone can show a pull on the load.
+    names.append("world_force")
+    assert "world_force" not in diagnose(reading.recorded, reading.model, library=effects_called(names)).untestable
     found = diagnose(make_case(3, duration=8.0).recorded(), reading.model, library=effects_called(names))
     assert found.untestable["viscous_friction"] == "the recording has no joint efforts"
 
@@ -181,6 +187,11 @@ def test_joints_without_states_stand_where_the_model_says_or_are_named() -> None
     reading = read(JointStream(joints.stamps, joints.names[:2], *parts))
     assert reading.model.sensor_frame == "link_2"
     assert [(each.kind, each.joints) for each in reading.findings] == [("joints_held", ("wrist",))]
+    # Without the joint between two with states, nothing is held: it may have moved.
+    parts = (values[:, ::2] for values in (joints.position, joints.velocity, joints.effort))
+    with pytest.raises(InputError, match=r"states of wrist.*record elbow") as caught:
+        read(JointStream(joints.stamps, joints.names[::2], *parts))
+    assert caught.value.code is ErrorCode.JOINT_MISSING
     assert np.abs(hanging.rigid[:10, 0]).max() < 0.2 * np.abs(level.rigid[:10, 0]).min()
 
 
@@ -254,3 +265,36 @@ def test_a_driving_base_counts_in_joint_efforts_alone() -> None:
     rows = np.isin(standing.seconds, driving.seconds)
     felt = -2.0 * 0.5 * 1.5**2 * np.sin(1.5 * driving.seconds)
     np.testing.assert_allclose((driving.rigid - standing.rigid[rows])[:, 0], felt, atol=0.05)
+
+
+def test_joint_states_that_cannot_be_used_are_counted_with_the_reason() -> None:
+    joints = Recorded(TURN).joints()
+    unread = replace(joints, position=np.full_like(joints.position, np.nan))
+    with pytest.raises(InputError, match=rf"0 of {len(joints)} .*: {len(joints)} are not finite, 0 repeat"):
+        read(unread, TURN)
+    stopped = replace(joints, stamps=np.full_like(joints.stamps, joints.stamps[0]))
+    with pytest.raises(InputError, match=rf"1 of {len(joints)} .*: 0 are not finite, {len(joints) - 1} repeat"):
+        read(stopped, TURN)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1e-3, "stamps are not in ns"), (1e3, "unit of the stamps")])
+def test_stamps_in_another_unit_are_said(factor: float, said: str) -> None:
+    joints = Recorded(TURN).joints()
+    stamps = joints.stamps[0] + np.round((joints.stamps - joints.stamps[0]) * factor).astype(np.int64)
+    with pytest.raises(InputError, match=said):
+        read(replace(joints, stamps=stamps), TURN)
+
+
+def test_positions_of_a_slide_in_millimetres_are_said() -> None:
+    joints = Recorded(SLIDE).joints()
+    with pytest.raises(InputError, match=r"m: are the positions in mm"):
+        read(replace(joints, position=1e4 * joints.position), SLIDE)
+
+
+def test_links_that_differ_much_ask_for_the_description() -> None:
+    (effect,) = effects_called(["link_parameters"])
+    recorded = read(Recorded(ARM).joints()).recorded
+    first = effect.parameters(recorded)[0].name
+    still = {each.name: 0.0 for each in effect.parameters(recorded)}
+    assert "is it of this robot" in effect.sentence(recorded, still | {first: 100.0})
+    assert "is it of this robot" not in effect.sentence(recorded, still | {first: 1e-3})

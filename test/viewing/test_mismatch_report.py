@@ -5,6 +5,7 @@ import re
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -110,6 +111,21 @@ def test_the_ladder_has_the_answer_on_top_and_the_nominal_model_at_zero(found):
     assert answer.gain > 100.0
     assert [rung.gain for rung in rungs] == sorted((rung.gain for rung in rungs), reverse=True)
     assert {"nothing: the nominal model": 0.0}.items() <= {rung.label: rung.gain for rung in rungs}.items()
+
+
+def test_impossible_hypotheses_are_not_drawn_and_many_names_are_told_by_their_difference(found):
+    answer, rival = ("a", "b", "c", "d"), ("a", "b", "c", "e")
+    best = replace(found.main.best, parts=[Mock(effect=Mock(), values={}) for _ in answer])
+    for part, name in zip(best.parts, answer, strict=True):
+        part.effect.name = name
+    fits = {(): found.main.nominal, rival: best, answer[:3]: replace(best, log_evidence=-np.inf)}
+    rungs = ladder(replace(found.main, best=best, search=replace(found.main.search, fits=fits, gains={})))
+    assert {rung.label for rung in rungs} == {
+        "the answer",
+        "the answer without d, with e",
+        "nothing: the nominal model",
+    }
+    assert all(np.isfinite(rung.gain) for rung in rungs)
 
 
 def test_what_is_not_a_number_is_null():

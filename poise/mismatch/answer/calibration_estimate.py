@@ -58,9 +58,10 @@ def _effort_labels(group: str, problem: Problem) -> Iterator[tuple[str, str, flo
         yield from (("motor_gain", f"gain_{name}", at.motor_gain, "") for name in track.names)
     elif group == "offset":
         sizes = (effort_sizes(track) * at.effort_offset).tolist()
-        yield from (("effort_offset", f"offset_{name}", s, "N m") for name, s in zip(track.names, sizes, strict=True))
+        pairs = zip(track.names, sizes, strict=True)
+        yield from (("effort_offset", f"offset_{name}", s, track.unit("N m", name)) for name, s in pairs)
     elif group == "joints":
-        yield from (("joint_offset", f"offset_{name}", at.joint_offset, "rad") for name in track.names)
+        yield from (("joint_offset", f"offset_{n}", at.joint_offset, track.unit("rad", n)) for n in track.names)
     elif group == "links" and track.links is not None:
         yield from (("link_mass", f"mass_{number}", at.link_mass, "") for number in track.links.numbers)
     elif group in ("payload", "tilt"):

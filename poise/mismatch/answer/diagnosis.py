@@ -170,7 +170,7 @@ class Diagnosis:
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
         examined = {*self.unproven, *(finding.effect.name for finding in self.findings)}
-        tried = {name for each in self.examinations for _, name in each.search.gains}
+        tried = {effect.name for each in self.examinations for effect in each.search.library}
         reasons = {name: why for name, why in self.missing.items() if name not in tried}
         reasons |= {name: why for each in self.examinations for name, why in each.search.untestable.items()}
         return {name: why for name, why in reasons.items() if name not in examined}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs
-from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.effects import Effect, Values, all_effects, joint_unit
 from poise.mismatch.inference import (
     Dependence,
     EffectCandidate,
@@ -99,8 +99,12 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
     effect, values = part.effect, dict(part.values)
     parameters = effect.parameters(recorded)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+    def unit(name: str, turning: str) -> str:
+        return joint_unit(recorded, turning, name, values) if effect.layer == "friction" else turning
+
     reported = {
-        p.name: Quantity(float(values[p.name]), float(s), p.unit)
+        p.name: Quantity(float(values[p.name]), float(s), unit(p.name, p.unit))
         for p, s in zip(parameters, sigma, strict=True)
         if not p.hidden
     }
@@ -113,6 +117,6 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
             moved = effect.derived(recorded, {**values, p.name: values[p.name] + 0.01 * s})
             slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-    for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
-        reported[name] = Quantity(value, std, unit)
+    for (name, (value, turning)), std in zip(derived.items(), spread.tolist(), strict=True):
+        reported[name] = Quantity(value, std, unit(name, turning))
     return reported

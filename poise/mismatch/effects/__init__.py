@@ -11,6 +11,7 @@ from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_p
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
+from poise.mismatch.effects.joint_friction import joint_unit
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
@@ -31,6 +32,7 @@ __all__ = [
     "all_effects",
     "effect_named",
     "joint_columns",
+    "joint_unit",
     "rotation_columns",
     "slow_part",
     "tilt_columns",

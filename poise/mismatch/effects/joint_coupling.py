@@ -92,6 +92,16 @@ class JointCoupling(Effect):
         driving, driven = (column_of(recorded, nonlinear[name]) for name in ("driving", "driven"))
         return _torques(recorded, driving, driven, nonlinear.get("shared", _ONE_WAY))
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """The friction of a shared motor takes power; what one joint does to another may have either sign."""
+        shared = values.get("shared", _ONE_WAY)
+        driving, driven = (column_of(recorded, values[name]) for name in ("driving", "driven"))
+        velocity = efforts(recorded).velocity
+        speed = np.abs(velocity[:, driven] + shared * velocity[:, driving])
+        power = values["damping"] * float(np.mean(speed**2)) + values["friction"] * float(np.mean(speed))
+        drives = "its friction would drive the joints" if shared and power < 0.0 else ""
+        return super().implausible(recorded, values) or drives
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         driving, driven = (joint_called(recorded, values[name]) for name in ("driving", "driven"))
         sizes = (

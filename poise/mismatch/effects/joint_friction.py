@@ -83,6 +83,19 @@ def column_of(recorded: RecordedMotion, number: float) -> int:
 
 def listed(recorded: RecordedMotion, values: Sequence[float], unit: str) -> str:
     """Values by joint, the largest first, without much smaller ones: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
-    ranked = sorted(zip(values, efforts(recorded).names, strict=True), key=lambda item: -abs(item[0]))
-    named = [f"{name} {value:.3g}" for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
-    return f"{', '.join(named)} {unit}"
+    track = efforts(recorded)
+    ranked = sorted(zip(values, track.names, strict=True), key=lambda item: -abs(item[0]))
+    shown = [(name, value) for value, name in ranked[:3] if abs(value) >= 0.15 * abs(ranked[0][0])]
+    units = [track.unit(unit, name) for name, _ in shown]
+    if len(set(units)) > 1:
+        return ", ".join(f"{name} {value:.3g} {own}" for (name, value), own in zip(shown, units, strict=True))
+    return f"{', '.join(f'{name} {value:.3g}' for name, value in shown)} {units[0]}"
+
+
+def joint_unit(recorded: RecordedMotion, unit: str, name: str, values: Values) -> str:
+    """The unit of a parameter of an effect on joints: of the joint that ends its name, of the effect's, or of all."""
+    if recorded.effort is None or name == "phase":
+        return unit
+    number = name.rpartition("_")[2]
+    one = float(number) if number.isdigit() else values.get("joint")
+    return recorded.effort.unit(unit, *(() if one is None else (joint_called(recorded, one),)))

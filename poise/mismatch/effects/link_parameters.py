@@ -3,9 +3,12 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import listed, numbers
+from poise.mismatch.effects.joint_friction import efforts, listed, numbers
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
+
+_OTHER_ROBOT = 0.5
+"""Change of all efforts, relative to those of the description, from which that may be of another robot."""
 
 
 class LinkParameters(Effect):
@@ -42,8 +45,12 @@ class LinkParameters(Effect):
         return {f"rms_{i}": (float(c), "N m") for i, c in zip(numbers(recorded), change, strict=True)}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        sizes = listed(recorded, [size for size, _ in self.derived(recorded, values).values()], "N m (rms)")
-        return f"The links differ from the robot description: the joints need other torques, {sizes}."
+        sizes = listed(recorded, [size for size, _ in self.derived(recorded, values).values()], "N m")
+        said = f"The links differ from the robot description: the joints need other efforts, {sizes} (rms)"
+        rigid, change = efforts(recorded).rigid, self.simulate(recorded, values)
+        if np.linalg.norm(change) > _OTHER_ROBOT * np.linalg.norm(rigid):
+            return f"{said}. That is much of what the description says: is it of this robot?"
+        return f"{said}."
 
 
 def _base(recorded: RecordedMotion) -> tuple[tuple[str, ...], Array]:

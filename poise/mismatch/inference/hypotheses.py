@@ -91,8 +91,8 @@ class HypothesisSearch:
 
 def implausible(recorded: RecordedMotion, parts: Sequence[FittedEffect]) -> str:
     """Why values of some effect are physically impossible, as a clause; "" when all are possible."""
-    reasons = ((part.effect.name, part.effect.implausible(recorded, part.values)) for part in parts)
-    return next((f"{name}: {reason}" for name, reason in reasons if reason), "")
+    reasons = (part.effect.implausible(recorded, part.values) for part in parts)
+    return next((reason for reason in reasons if reason), "")
 
 
 def alike(one: Effect, other: Effect) -> bool:

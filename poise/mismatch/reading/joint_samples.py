@@ -28,13 +28,17 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
         InputError: TOO_FEW_SAMPLES.
     """
     notes = []
-    finite = np.isfinite(joints.position).all(axis=1)
+    finite, given = np.isfinite(joints.position).all(axis=1), len(joints)
     if not finite.all():
         notes.append(f"{int((~finite).sum())} joint states are not finite and were left out")
     joints = joints.select(finite)
     joints = joints.select(np.concatenate([[True], np.diff(joints.stamps) > 0]) if len(joints) else slice(None))
     if len(joints) < 2:
-        raise InputError(ErrorCode.TOO_FEW_SAMPLES, f"{len(joints)} usable joint states are too few: record more")
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"{len(joints)} of {given} joint states can be used: {int((~finite).sum())} are not finite, "
+            f"{int(finite.sum()) - len(joints)} repeat the stamp before them; record more",
+        )
     if alone:
         joints, said = begun(joints)
         notes += said

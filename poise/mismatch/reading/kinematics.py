@@ -1,6 +1,6 @@
 """From joint motion to a `RecordedMotion`: one pass of forward kinematics with its derivatives by each joint."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -144,7 +144,8 @@ def effort_track(
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
     variance = None if errors is None else _variance(errors, inertia, (by_base @ robot.coupling)[:, :, known], known)
     tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, tilt, variance)
+    track = EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, tilt, variance)
+    return replace(track, prismatic=robot.prismatic)
 
 
 def _variance(errors: AccelerationSigma, inertia: Array, by_base: Array, known: Mask) -> Array:

@@ -115,7 +115,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
-    findings = [*_held(model, robot, text, wrench is None), *findings]
+    findings = [*_held(model, robot, text, streams), *findings]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -168,8 +168,13 @@ def _against(
     return recorded, model, [*notes, *spikes]
 
 
-def _held(model: NominalModel, robot: RobotModel, text: str, alone: bool) -> list[InputFinding]:
-    """Joints of the robot's chain without states, and behind it where, without a wrench, the states chose its end."""
+def _held(model: NominalModel, robot: RobotModel, text: str, streams: MeasuredStreams) -> list[InputFinding]:
+    """Joints of the robot's chain without states, and behind it where, without a wrench, the states chose its end.
+
+    Raises:
+        InputError: JOINT_MISSING for joints without states in front of others that have them.
+    """
+    alone = streams.wrench is None
     longest = next((names for _, names in chains(text) if set(robot.joint_names) <= set(names)), ())
     held = tuple(
         name
@@ -178,10 +183,26 @@ def _held(model: NominalModel, robot: RobotModel, text: str, alone: bool) -> lis
     )
     if not held or robot.base == "floating":
         return []
+    behind = tuple(name for name in held if name not in model.joint_positions and _has_states(streams, name))
+    if behind:
+        lacking = " ".join(name for name in held if name not in behind)
+        raise InputError(
+            ErrorCode.JOINT_MISSING,
+            f"{streams.name} has states of {' '.join(behind)}, but not of all joints before them: record {lacking}, or "
+            "say in model.yaml where they stand, joint_positions",
+        )
     places = tuple(model.joint_positions.get(name, 0.0) for name in held)
     said = ", ".join(f"{name} at {place:.3g}" for name, place in zip(held, places, strict=True))
     sentence = f"Joints without states are held: {said} rad (or m); what moves behind them is wrong if they moved."
     return [InputFinding("joints_held", sentence, held, places)]
+
+
+def _has_states(streams: MeasuredStreams, name: str) -> bool:
+    try:
+        streams.joint_states((name,))
+    except InputError:
+        return False
+    return True
 
 
 def _robot(

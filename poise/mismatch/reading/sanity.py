@@ -82,10 +82,12 @@ def check_positions(robot: RobotModel, position: Array) -> None:
     farthest = np.nan_to_num(np.where(np.isnan(beyond), -np.inf, beyond), neginf=-1.0)
     row, joint = np.unravel_index(int(np.argmax(farthest)), farthest.shape)
     if farthest[row, joint] > _OUTSIDE:
+        name = robot.joint_names[joint]
+        unit, other = ("m", "mm") if name in robot.prismatic else ("rad", "degrees")
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"joint {robot.joint_names[joint]} is at {position[row, joint]:.2f}, its range in the description is "
-            f"{robot.lower[joint]:.2f} to {robot.upper[joint]:.2f} rad (or m): are the positions in degrees, or is the "
+            f"joint {name} is at {position[row, joint]:.2f}, its range in the description is "
+            f"{robot.lower[joint]:.2f} to {robot.upper[joint]:.2f} {unit}: are the positions in {other}, or is the "
             "description another robot's?",
         )
 
@@ -136,14 +138,15 @@ def check_rates(joints: JointStream, measured: Stream) -> None:
     if length < _SHORTEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"the {what} {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
+            f"the {what} {length:.2g} s: record ten seconds or more, {_SHORTEST:.0f} s at the least"
+            + ("; if it was longer, its stamps are not in ns" if length < 1.0 else ""),
         )
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
     if period > 1.0 / _SLOWEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
             f"joint states come every {period:.2f} s, too slow for accelerations: record at 50 Hz or more, "
-            f"{_SLOWEST:.0f} Hz at the least",
+            f"{_SLOWEST:.0f} Hz at the least, or correct the unit of the stamps",
         )
 
 

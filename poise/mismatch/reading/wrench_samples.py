@@ -47,8 +47,14 @@ def begun(stream: Measured) -> tuple[Measured, list[str]]:
     inside = stream.stamps - stream.stamps[0] <= longest * 1e9
     if inside.all():
         return stream, []
-    note = f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared"
-    return stream.select(inside), [note]
+    kept = stream.select(inside)
+    jump = float(stream.stamps[len(kept)] - kept.stamps[-1]) * 1e-9
+    if jump > longest / 10.0:
+        last = kept.seconds[-1]
+        note = f"the stamps jump by {jump:.0f} s at {last:.1f} s: only what is before was compared; is the clock right?"
+    else:
+        note = f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared"
+    return kept, [note]
 
 
 def averaged(values: Array, together: int) -> Array:

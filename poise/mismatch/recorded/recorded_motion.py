@@ -13,6 +13,9 @@ from poise.types import Array, Mask
 
 T = TypeVar("T")
 
+_OF_SLIDES = {"N m": "N", "N m s/rad": "N s/m", "kg m2": "kg", "rad": "m", "mrad": "mm", "rad/s": "m/s"}
+"""Units of joints that slide, by those of joints that turn."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointTrack:
@@ -87,6 +90,7 @@ class EffortTrack:
         by_tilt: (M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world, or None.
         motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
         by_rest: (M, J) efforts of the part of the wrench that no effect explains; None: there is none.
+        prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
     """
 
     seconds: Array
@@ -103,6 +107,12 @@ class EffortTrack:
     by_tilt: Array | None = None
     motion_variance: Array | None = None
     by_rest: Array | None = None
+    prismatic: tuple[str, ...] = ()
+
+    def unit(self, turning: str, *joints: str) -> str:
+        """The unit of a quantity of these joints, all when none is named, from its unit for joints that turn."""
+        slides = set(joints or self.names) <= set(self.prismatic)
+        return _OF_SLIDES.get(turning, turning) if slides else turning
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,6 +106,15 @@ def test_a_shared_motor_and_the_joints_own_rotors_have_the_energy_of_the_sum_of_
     np.testing.assert_allclose(found + 0.16 * acceleration + 0.4 * velocity, exact, atol=1e-12)
 
 
+def test_a_shared_motor_whose_friction_would_drive_the_joints_is_impossible():
+    at, effect = effort_world(), effect_named("joint_coupling")
+    given = {"driving": 5.0, "driven": 3.0, "inertia": 0.1, "damping": -0.4, "friction": -0.5}
+    assert "would drive" in effect.implausible(at, given | {"shared": 1.0})
+    assert effect.implausible(at, given | {"shared": 1.0, "damping": 0.4, "friction": 0.5}) == ""
+    # What one joint does to another has the sign of their axes.
+    assert effect.implausible(at, given | {"shared": 0.0}) == ""
+
+
 def test_a_mass_on_a_link_is_pinocchios_and_only_independent_parameters_remain():
     at = effort_world()
     links = at.effort.links
