@@ -13,6 +13,7 @@ from benchmarks.touching import (
     KINDS,
     Tally,
     compare,
+    followed,
     holds_in_mujoco,
     random_scene,
     single_limits,
@@ -101,6 +102,16 @@ def test_limits_and_maps_of_random_scenes_are_below_single_pushes(kind):
     compare(random_scene(kind, rng), rng, tally, points=40, asked=4)
     assert max(tally.limits + tally.bounds + tally.doubtful, default=0.0) <= ABOVE
     assert all(tally.held)
+
+
+def test_a_push_that_is_followed_stands_where_a_single_one_does_not_find_the_state():
+    rng = np.random.default_rng([1, 174])
+    analysis = Analysis.of(random_scene("row", rng))
+    point, direction, place = np.array([-0.0360411, -0.0425265, 0.0380848]), np.array([0.0, 1.0, 0.0]), 2
+    single = float(single_pushes(analysis, point[None], direction[None], np.array([place]))[0])
+    assert followed(analysis, point, direction, place, single) == pytest.approx(single)
+    assert followed(analysis, point, direction, place, 1.09 * single) == pytest.approx(1.09 * single)
+    assert followed(analysis, point, direction, place, 1.4 * single) < 1.2 * single
 
 
 def test_mujoco_moves_above_the_limit_and_holds_below():
