@@ -141,8 +141,8 @@ def flood(bench: Bench) -> None:
 
 def slow_subscriber(bench: Bench) -> None:
     """A reliable reader of every topic of the node, which keeps all and is stopped for 3 s."""
-    there = bench.observer.node.get_publisher_names_and_types_by_node(bench.program.name, "/")
-    pairs = [f"{topic}={kinds[0]}" for topic, kinds in there if "_action" not in topic and "rosout" not in topic]
+    there = bench.observer.outputs_of(bench.program.name)
+    pairs = [f"{topic}={kind}" for topic, kind in there.items() if "_action" not in topic and "rosout" not in topic]
     folder = bench.program.folder
     with subprocess.Popen(
         [sys.executable, "-c", _SLOW_READER, *pairs],

@@ -124,8 +124,18 @@ class Observer:
 
     def inputs_of(self, name: str) -> dict[str, str]:
         """Topics that a node subscribes to, with their types."""
-        there = self.node.get_subscriber_names_and_types_by_node(name, "/")
+        there = self._known(self.node.get_subscriber_names_and_types_by_node, name)
         return {topic: kinds[0] for topic, kinds in there if topic not in _NOT_INPUTS and "/_action/" not in topic}
+
+    def outputs_of(self, name: str) -> dict[str, str]:
+        """Topics that a node publishes, with their types."""
+        there = self._known(self.node.get_publisher_names_and_types_by_node, name)
+        return {topic: kinds[0] for topic, kinds in there}
+
+    def _known(self, ask: Callable[[str, str], Any], name: str) -> Any:
+        """What the graph says of a node, which may know its topics before it knows its name."""
+        self.until(lambda: name in self.node.get_node_names(), f"the name of {name}")
+        return ask(name, "/")
 
     def close(self) -> None:
         """Leave the graph."""

@@ -152,7 +152,7 @@ def test_no_place_says_which_test_turned_away_how_many(start_node, graph, caller
     pedestal = assembly_message(Assembly((box("pedestal", (0.1, 0.1, 0.5), (0, 0, 0.25), fixed=True),)), FRAME)
     odd = wanted()
     odd.com_given = True
-    odd.inertia.com.x, odd.inertia.com.y, odd.inertia.com.z = 1.0, 1.1, 1.2
+    odd.inertia.com.x, odd.inertia.com.y, odd.inertia.com.z = 0.25, 0.26, 0.27
     for item in (odd, wanted(3.0, 3.0, 3.0)):
         done = caller.result(caller.send(assembly=[pedestal], object=item, deadline=50.0))
         assert done.result.error.code == ErrorCode.NO_PLACEMENT, done.result.error.message

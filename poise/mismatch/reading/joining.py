@@ -90,7 +90,7 @@ def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
     if effort is not None:
         rows = effort.seconds < end
         arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
-        there = {name: value for name, value in arrays.items() if name != "names" and value is not None}
+        there = {name: value for name, value in arrays.items() if not (value is None or isinstance(value, tuple))}
         effort = replace(effort, **{name: value[rows] for name, value in there.items()})
     return replace(kept, effort=effort, begins=recorded.begins[:-1])
 
