@@ -222,7 +222,7 @@ POISE_EXPORT int64_t poise_box_minimum(int64_t k, const double *normal, const do
     status = interior(&other, x, side, trial, trial + k);
     for (int64_t i = 0; i < k; i++) x[i] *= unit[i];
   }
-  for (int64_t i = 0; i < k; i++) x[i] = fmin(fmax(x[i], lower[i]), upper[i]);
+  for (int64_t i = 0; i < k; i++) x[i] = x[i] < lower[i] ? lower[i] : x[i] > upper[i] ? upper[i] : x[i]; /* NaN stays */
   free(room);
   free(side);
   return status;

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.inertia import InertialEstimate
 from poise.nodes.estimate_message import estimate_message, withheld_message
-from poise.weighing import causes_of, is_withheld, with_causes
+from poise.weighing import is_withheld, named_and_possible, with_causes
 from poise_msgs.msg import InertialEstimate as InertialEstimateMessage
 
 
@@ -25,8 +25,8 @@ class CheckedAnswer:
 
 def checked(estimate: InertialEstimate) -> CheckedAnswer:
     """Search for the causes of what an estimate leaves unexplained; this takes about half a second of CPU."""
-    causes = causes_of(estimate)
-    named = with_causes(estimate, causes)
+    causes, possible = named_and_possible(estimate)
+    named = with_causes(estimate, causes, possible)
     if not is_withheld(estimate, causes):
         return CheckedAnswer(named, None)
     first = named.findings[0]

@@ -135,8 +135,11 @@ def chances(causes: Sequence[Cause]) -> Array:
 def _besides(first: Cause, samples: FitSamples) -> tuple[Cause, ...]:
     """An axis, a sign or a unit that explains what the likeliest cause leaves: the samples may have two errors.
 
-    Others than these have parameters, and would follow what the first fit did not.
+    Others than these have parameters, and would follow what the first fit did not. Nor is anything sought beside
+    a cause that leaves out a part of the recording: an axis may explain by chance what is left there.
     """
+    if first.partial:
+        return ()
     found = first.explanation
     left = replace(samples, wrench=plain_design(samples, found.values) @ found.unknowns[:16] + found.residual)
     plain = explain(left, plain_design)

@@ -135,6 +135,7 @@ def test_nor_one_that_waits_for_the_sensor_frame_or_did_not_work(streams, wrench
         estimator.set_robot_description(invalid, 0.0)
     assert estimator.problem is caught.value  # there is none yet
     estimator.set_robot_description(URDF, 0.1)
+    assert estimator.problem is None
     with pytest.raises(InputError):
         estimator.set_robot_description(invalid, 0.2)
     feel()

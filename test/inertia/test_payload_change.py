@@ -149,6 +149,18 @@ def test_a_push_that_imitates_a_payload_at_first_is_told_by_the_bias_however_far
     np.testing.assert_allclose(estimator.tare, bias, atol=0.05)
 
 
+def test_the_offset_of_an_accelerometer_is_no_contact():
+    rng = np.random.default_rng(3)
+    noise = NoiseLevels(0.05, 0.0025, force_bias=np.inf, torque_bias=np.inf)
+    estimator = ContinuousEstimator(None, noise, offset=0.5)
+    for payload, seconds, begin in ((LIGHT, 5.0, 0.0), (20 * HELD, 5.0, 5.0)):
+        stamps, rows, _ = samples(payload, seconds, begin, rng)
+        rows[:, 0] += 0.3  # m/s2
+        fed(estimator, stamps, rows)
+    assert len(estimator.changes) == 1
+    assert estimator.doubts(estimator.solve().bias) == ()
+
+
 @pytest.mark.parametrize("seed", [8, 9])
 def test_until_a_release_in_much_noise_is_certain_the_estimate_of_a_light_payload_covers_it(seed):
     rng = np.random.default_rng(seed)

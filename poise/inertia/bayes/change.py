@@ -62,6 +62,9 @@ _EVEN, _IMITATED = 0.5, 0.2
 """Probability of another payload before it is certain, or while the bias contradicts the new one; and of a contact that
 imitates the new payload: its force must point along gravity."""
 
+_REACH = 0.1
+"""m from the sensor, where payloads have their centre of mass."""
+
 _TURNED, _LONG_AGO = np.cos(np.radians(30)), 3_000_000_000
 """Cosine of the angle between attitudes, and ns, after which a contact no longer imitates a payload."""
 
@@ -112,12 +115,15 @@ class ContinuousEstimator:
     Args:
         parts: of the object held at the beginning; None when there is none, or its shape is not known.
         noise: of samples, and how large a bias to expect.
+        offset: m/s2, one sigma of that of an accelerometer that gives the motion: times the mass, it is in the bias.
         options: of `PoiseEstimator`.
     """
 
-    def __init__(self, parts: Parts | None = None, noise: NoiseLevels | None = None, **options: Any) -> None:
+    def __init__(
+        self, parts: Parts | None = None, noise: NoiseLevels | None = None, offset: float = 0.0, **options: Any
+    ) -> None:
         self.changes: list[PayloadChange] = []
-        self._options = options
+        self._options, self._offset = options, offset
         self._tare = np.zeros(6)
         self._memory: deque[tuple[Stamps, Array]] = deque()
         self._since = self._looked = self._looked_long = self._sure = np.iinfo(np.int64).min
@@ -168,6 +174,12 @@ class ContinuousEstimator:
         return self._estimator.noise
 
     @property
+    def bias_spread(self) -> tuple[float, float]:
+        """N and N m by which the bias may differ from the `tare`, one sigma."""
+        lost = self._offset * sum(abs(change.mass_after - change.mass_before) for change in self.changes)
+        return float(np.hypot(self.noise.force_bias, lost)), float(np.hypot(self.noise.torque_bias, _REACH * lost))
+
+    @property
     def mass(self) -> float | None:
         """kg that newer samples are compared with; None before there is an answer."""
         if self._expected:
@@ -199,7 +211,7 @@ class ContinuousEstimator:
         """A bias (6,) beside the tare is not that of the sensor at the last change."""
         if not self.noise.zeroed:  # no bias was known
             return False
-        spread = np.repeat([self.noise.force_bias, self.noise.torque_bias], 3)
+        spread = np.repeat(self.bias_spread, 3)
         return bool(np.any(np.abs(bias) > _OTHER_ZERO * spread))
 
     def solve(self) -> BayesSolution:

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, PayloadDoubt, sample_rows
 from poise.inertia.estimators.accelerometer import OFFSET_SPREAD, Accelerometer
 from poise.inertia.estimators.entry import EstimatorEntry
@@ -15,9 +13,6 @@ from poise.types import Array
 
 _EMPTY_HAND = 0.02
 """kg; a smaller payload is none."""
-
-_REACH = 0.1
-"""m from the sensor, where payloads have their centre of mass."""
 
 WATCH_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
 """The levels that changes are judged by where none are given and too few samples show them."""
@@ -34,7 +29,8 @@ class ChangeWatch:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
         options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise.filled(WATCH_NOISE), **options)
+        offset = 0.0 if prior.accelerometer is Accelerometer.NONE else OFFSET_SPREAD
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise.filled(WATCH_NOISE), offset, **options)
         self._meter, self._n_believed = NoiseMeter(), -1
         self._parts = prior.parts
         self._n_changes = 0
@@ -68,10 +64,7 @@ class ChangeWatch:
         known = self._estimator
         if not known.changes:
             return self._given
-        force, torque = known.noise.force_bias, known.noise.torque_bias
-        if self._given.accelerometer is not Accelerometer.NONE:  # its offset times the mass is in the bias
-            lost = OFFSET_SPREAD * sum(abs(change.mass_after - change.mass_before) for change in known.changes)
-            force, torque = float(np.hypot(force, lost)), float(np.hypot(torque, _REACH * lost))
+        force, torque = known.bias_spread
         noise = replace(self._given.noise, force_bias=force, torque_bias=torque, zeroed=known.noise.zeroed)
         return replace(self._given, parts=self._parts, noise=noise, tare=known.tare, since=known.since)
 

@@ -114,7 +114,7 @@ class LiveEstimator:
             if not self._description:
                 self.problem = error
             raise
-        self._description = text
+        self._description, self.problem = text, None
         if self._uses(self.joints):
             self.estimator = None
         self.joints = None
