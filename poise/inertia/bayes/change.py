@@ -178,7 +178,7 @@ class ContinuousEstimator:
     def bias_spread(self) -> tuple[float, float]:
         """N and N m by which the bias may differ from the `tare`, one sigma.
 
-        An accelerometer's offset times the mass is part of the bias: only a mass other than that of the tare adds to it.
+        An accelerometer's offset times the mass is in the bias: only a mass other than that of the tare adds to it.
         """
         held, tared = self.mass, self._tare_mass
         lost = 0.0 if held is None or tared is None else self._offset * abs(held - tared)
