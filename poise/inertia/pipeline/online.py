@@ -289,6 +289,8 @@ class OnlineEstimator:
             found = running.estimate(self.frame_id)
         if self._changes is not None:
             found = found.doubted(self._changes.doubts(found.bias))
+        if self.imu is None and not self.source.has_positions:
+            found = found.without_positions()
         if not self.foreign_wrenches:
             return found
         return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))
