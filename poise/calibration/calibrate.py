@@ -363,7 +363,7 @@ def _require_one_place(problem: BoardProblem, fit: BoardFit) -> float:
     steps = -np.linalg.lstsq(columns / unit, fit.errors, rcond=None)[0] / unit
     spread = jackknife(columns, fit.errors + columns @ steps, problem)[-6:, -6:]
     step, free = steps[-6:], max(problem.places - 7, 1)
-    # Hotelling's T squared of 6 numbers; `fdtrc` is `scipy.stats.f.sf` without the import of all distributions (0.7 s).
+    # Hotelling's T squared of 6 numbers; `fdtrc` is `scipy.stats.f.sf` without the import of every distribution.
     size = float(step @ np.linalg.solve(spread, step)) * free / (6 * (free + 5))
     chance = float(fdtrc(6, free, size))
     if chance < _CHANCE:

@@ -84,7 +84,7 @@ def test_poise_run_starts_a_node_without_ros2cli(node_environment: dict[str, str
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)  # two builds, on machines that do other things
 def test_colcon_builds_it_and_ros2_run_would_find_it(
     tmp_path: Path, node_environment: dict[str, str], graph: Any
 ) -> None:
