@@ -3,6 +3,8 @@
 import contextlib
 import heapq
 import itertools
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from rclpy.qos import QoSProfile
 
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.answers import Answers
-from poise.nodes.runtime import coded, leave, run
+from poise.nodes.runtime import coded, run
 from poise.nodes.workers import NOTHING_IN_TIME
 
 _SERVICE_QOS = QoSProfile(depth=1000)
@@ -312,7 +314,13 @@ def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) 
     try:
         run(make_node, args)
     except SystemExit as end:
-        # With a thread inside a solver, Python's own way out would abort in it.
-        if any(thread.name == _THREAD for thread in threading.enumerate()):
-            leave(end.code if isinstance(end.code, int) else 1)
-        raise
+        _leave(end.code)
+
+
+def _leave(status: Any) -> None:
+    """End the process: with a thread inside a solver, Python's own way out would abort in it."""
+    if any(thread.name == _THREAD for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else 1)
+    sys.exit(status)

@@ -2,11 +2,10 @@
 
 import ctypes
 import functools
-import os
 import signal
 import sys
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -43,9 +42,11 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     executor = EventsExecutor()
+    # It is never destroyed: a signal while it takes in entities makes it forget some, and its destructor would abort
+    # (rclpy 7.1.6).
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(executor))
     node = None
     status = 0
-    halfway = False
     try:
         node = make_node()
         executor.add_node(node)
@@ -60,23 +61,12 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     except (RCLError, ValueError):  # an action server that is made during the shutdown raises a ValueError
         if rclpy.ok():
             raise
-        halfway = True
     finally:
         executor.shutdown()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    if halfway:
-        # The signal came while the executor took in entities: it has forgotten those, and its destructor would abort.
-        leave(status)
     sys.exit(status)
-
-
-def leave(status: int) -> NoReturn:
-    """End the process without the destructors of Python and C++, after everything has been closed."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
 
 
 def release_memory() -> None:

@@ -1,4 +1,4 @@
-"""Nodes end cleanly whenever they are stopped."""
+"""A node ends cleanly whenever it is stopped."""
 
 import subprocess
 import sys
