@@ -29,6 +29,11 @@ from benchmarks.chaos.subjects import AccelerationLimitsOfCube, Diagnoser, Drive
 _RATE = 1000.0
 _WARM = 0.4
 """Share of the time that is left out of the memory: buffers fill at first."""
+_COUNTS = {
+    "inertial_estimator": ("samples_used", "rejected_", "queue_overflows", "clock_jumps"),
+    "ft_driver": ("received", "lost", "out_of_order", "duplicates", "withheld"),
+}
+"""How the names of counts on diagnostics begin, by node. ft_driver: received + lost is what the sensor has sent."""
 _ARM = {"mode": "arm", "robot": "xarm7", "trajectory": "fourier", "duration": 60.0, "loop": True, "seed": 1}
 _ARM |= {
     "sensor": "ft300",
@@ -56,22 +61,19 @@ class Stream:
         self.heard += 1
 
 
-class EstimatorCounts:
-    """What inertial_estimator says of the wrenches that it has heard."""
+class Counts:
+    """What the diagnostics of the nodes that read streams say of their samples."""
 
     def __init__(self) -> None:
-        self.values: dict[str, int] = {}
+        self.values: dict[str, dict[str, int]] = {}
 
     def take(self, message: DiagnosticArray) -> None:
         """Remember the newest counts."""
         for status in message.status:
-            if status.name == "inertial_estimator":
-                pairs = {pair.key: pair.value for pair in status.values}
-                self.values = {
-                    key: int(value)
-                    for key, value in pairs.items()
-                    if key == "samples_used" or (key.startswith("rejected_") and value.isdigit())
-                }
+            wanted = _COUNTS.get(status.name, ())
+            found = {pair.key: int(pair.value) for pair in status.values if pair.key.startswith(wanted)}
+            if wanted and found:
+                self.values[status.name] = found
 
 
 def soak(minutes: float, domain: int) -> dict[str, Any]:
@@ -79,7 +81,7 @@ def soak(minutes: float, domain: int) -> dict[str, Any]:
     observer = Observer(domain, fast=True)
     server, limits = Server(), AccelerationLimitsOfCube()
     subjects: list[Subject] = [Driver(), Estimator(), Diagnoser(), server, limits]
-    arm, counts = Stream(), EstimatorCounts()
+    arm, counts = Stream(), Counts()
     observer.hear(WrenchStamped, "wrench", arm.take)
     observer.hear(DiagnosticArray, "/diagnostics", counts.take)
     with tempfile.TemporaryDirectory() as folder:
@@ -110,7 +112,7 @@ def soak(minutes: float, domain: int) -> dict[str, Any]:
         "processor": {name: used / (minutes * 60.0) for name, used in processor.items()},
         "alive": alive,
         "messages": {"arm": (arm.heard, arm.missing), "ft_driver": (driver.heard, driver.missing)},
-        "estimator": counts.values,
+        "counts": counts.values,
         "false": [text for subject in subjects for text in subject.false],
     }
 
@@ -155,7 +157,9 @@ def main() -> None:
     console.print(table)
     for name, (heard, missing) in found["messages"].items():
         console.print(f"{name}: {heard} messages heard, {missing} missing by their stamps")
-    console.print(f"inertial_estimator: {found['estimator']}; false answers: {len(found['false'])}")
+    for name, values in found["counts"].items():
+        console.print(f"{name} counts {values}")
+    console.print(f"false answers: {len(found['false'])}")
     result = Path("out/benchmarks/soak.json")
     result.parent.mkdir(parents=True, exist_ok=True)
     result.write_text(json.dumps(found, indent=1))
