@@ -184,7 +184,8 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now)
+        holds = self._transfer.phases[0].holding
+        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now, holds)
 
     @property
     def tool_pose(self) -> Pose:

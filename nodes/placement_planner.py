@@ -220,6 +220,8 @@ class PlacementPlannerNode(ArmNode):
             else:
                 there = task.carrying.tool_pose @ in_hand
                 self._hand.released(task.item.id, there, task.assembly.header.frame_id)
+        if playing.dropped:
+            self._hand.lost(task.goal.request.object.id)
         if playing.done:
             self._end(task, playing.error)
 
