@@ -43,7 +43,7 @@ from poise.commands.output import (
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
-from poise.inertia.pipeline import Identification
+from poise.inertia.pipeline import Identification, InertialEstimate
 from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
@@ -377,18 +377,21 @@ def _facts(answer: Identification) -> list[tuple[str, str]]:
         ("method", f"{estimate.method}; motion from {answer.source}{late}"),
         ("samples", f"{used}; rejected: {left_out}"),
         ("residual", f"{estimate.residual_force:.3g} N and {estimate.residual_torque:.3g} N m rms per axis"),
-        ("physics", "physically consistent" if estimate.consistent else "NOT PHYSICALLY CONSISTENT"),
+        ("physics", _physics(estimate)),
         ("fit", fit_words(estimate.fit)),
     ]
+
+
+def _physics(estimate: InertialEstimate) -> str:
+    if not np.isfinite(estimate.phi[:4]).all():
+        return "not known"
+    return "physically consistent" if estimate.consistent else "NOT PHYSICALLY CONSISTENT"
 
 
 def _doubts(answer: Identification) -> list[str]:
     """Warnings that qualify an answer, one sentence each."""
     estimate = answer.estimate
     doubts = [finding.message for finding in estimate.findings]
-    moved = bool(np.any(answer.motion.angular_velocity_in_sensor))
-    if moved and estimate.method != "static" and answer.source.endswith("taken as zero)"):
-        doubts.append("the recording has no positions: forces from linear acceleration are not accounted for")
-    if not estimate.consistent:
+    if not estimate.consistent and np.isfinite(estimate.phi[:4]).all():
         doubts.append("no body with this mass and inertia can exist: move more, or faster, about every axis")
     return doubts

@@ -24,6 +24,8 @@ _CLEARLY, _FIXED_CLEARLY = 15.0, 5.0
 the number by a factor, and may show in nothing but the small forces of fast turns."""
 _LEAST_SHARE, _LEVER = 0.003, 0.1
 """Share of the mass, and m, by which an answer has to change."""
+_LACKS = (ErrorCode.TOO_FEW_SAMPLES, ErrorCode.TOPIC_MISSING)
+"""Findings of what a recording lacks for a method: any cause may seem to explain what the method leaves then."""
 _RIVAL = 10.0
 """Nats: causes this close to the likeliest are named as well."""
 _MOST = 3
@@ -50,7 +52,7 @@ def named_and_possible(estimate: InertialEstimate) -> tuple[tuple[Cause, ...], t
 
     The tests of a fit judge the size of its residual. A cause is more specific, and also explains a small one.
     """
-    if estimate.samples is None:
+    if estimate.samples is None or any(each.code in _LACKS for each in estimate.findings):
         return (), ()
     pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
     tried = possible_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
@@ -175,7 +177,7 @@ def _is_unseen(estimate: InertialEstimate) -> bool:
 def _maybe_compensated(estimate: InertialEstimate) -> EstimateFinding | None:
     """A mass of nearly zero: a controller that compensates the payload cannot be excluded."""
     mass = float(estimate.phi[0])
-    known = any(finding.code is ErrorCode.NOT_IDENTIFIABLE for finding in estimate.findings)
+    known = any(each.code in (ErrorCode.NOT_IDENTIFIABLE, ErrorCode.TOPIC_MISSING) for each in estimate.findings)
     if estimate.samples is None or known or not abs(mass) < max(_EMPTY, _SIGMAS * estimate.mass_std):
         return None
     largest = float(np.linalg.norm(estimate.samples.acceleration_in_sensor, axis=1).max(initial=0.0))

@@ -125,6 +125,7 @@ class ContinuousEstimator:
         self.changes: list[PayloadChange] = []
         self._options, self._offset = options, offset
         self._tare = np.zeros(6)
+        self._tare_mass: float | None = None
         self._memory: deque[tuple[Stamps, Array]] = deque()
         self._since = self._looked = self._looked_long = self._sure = np.iinfo(np.int64).min
         self._expected: deque[Expectation] = deque()
@@ -175,8 +176,12 @@ class ContinuousEstimator:
 
     @property
     def bias_spread(self) -> tuple[float, float]:
-        """N and N m by which the bias may differ from the `tare`, one sigma."""
-        lost = self._offset * sum(abs(change.mass_after - change.mass_before) for change in self.changes)
+        """N and N m by which the bias may differ from the `tare`, one sigma.
+
+        An accelerometer's offset times the mass is in the bias: only a mass other than that of the tare adds to it.
+        """
+        held, tared = self.mass, self._tare_mass
+        lost = 0.0 if held is None or tared is None else self._offset * abs(held - tared)
         return float(np.hypot(self.noise.force_bias, lost)), float(np.hypot(self.noise.torque_bias, _REACH * lost))
 
     @property
@@ -234,8 +239,8 @@ class ContinuousEstimator:
             found = known.contradiction(late)
             if _is_other(found, known) and found.log_odds > _CERTAIN:
                 change = PayloadChange(now, found.since, known.mass, float(found.phi[0]))
-                self.changes.append(change)
                 self._begin(found.since, known)
+                self.changes.append(change)
                 return change
             doubtful |= found.log_odds > _SUSPICIOUS
             if found.fits and found.log_odds > (_DOUBTFUL if other is None else other.log_odds):
@@ -281,6 +286,8 @@ class ContinuousEstimator:
 
         A payload with another bias than the sensor's was a contact: what was held and known before it counts.
         """
+        if self._tare_mass is None:
+            self._tare_mass = known.mass
         other_zero = self._is_other_zero(known.unknowns[10:])
         in_contact = other_zero and known.seconds < _FORGOTTEN
         before = self._before if in_contact else known
@@ -295,7 +302,7 @@ class ContinuousEstimator:
                 since, None, replace(self._estimator.noise, force_bias=np.inf, torque_bias=np.inf, zeroed=0.0)
             )
             return
-        self._tare = self._tare + known.unknowns[10:]
+        self._tare, self._tare_mass = self._tare + known.unknowns[10:], known.mass
         deviation = np.sqrt(np.diag(known.covariance)[10:].reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
         spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD)

@@ -16,7 +16,7 @@ from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
 from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
 from poise.inertia.estimators.information import InformationAccumulator
-from poise.inertia.estimators.least_squares import solve
+from poise.inertia.estimators.least_squares import NULL_EIGENVALUE, solve
 from poise.inertia.estimators.noise import LEAST_NOISE, NoiseMeter
 from poise.inertia.estimators.registry import (
     AUTO,
@@ -35,6 +35,7 @@ __all__ = [
     "AUTO",
     "DEFAULT_METHOD",
     "LEAST_NOISE",
+    "NULL_EIGENVALUE",
     "OLS",
     "STATIC",
     "WATCH",

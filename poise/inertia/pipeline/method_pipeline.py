@@ -10,6 +10,7 @@ from poise.inertia.estimators import (
     AccelerometerComparison,
     EstimatorEntry,
     InformationAccumulator,
+    MotionNeed,
     NoiseMeter,
     Prior,
     SampleEvidence,
@@ -27,6 +28,7 @@ from poise.inertia.model import (
     SpikeFilter,
 )
 from poise.inertia.pipeline.estimate import InertialEstimate
+from poise.inertia.pipeline.held_poses import HeldPoses
 from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
@@ -36,6 +38,8 @@ _AFTER_JUMP = 10**9
 """ns that pass for the estimator when the clock jumps."""
 _SURELY = 5.0
 """Standard deviations."""
+_NOTABLE = 0.1
+"""m/s2 of linear acceleration, one percent of gravity."""
 _EMPTY_HAND = 0.02
 """kg; a smaller mass says nothing about the sign of the wrench."""
 
@@ -182,6 +186,13 @@ class MethodPipeline:
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
             raise NoAnswerError(error.code, sentence, **{"samples": self._bins.samples, **error.data}) from None
         samples = self._bins.samples
+        if self.entry.motion is MotionNeed.STILL:
+            poses = HeldPoses.of(samples)
+            solution, lack = poses.widened(solution), poses.finding(self.rejections.counts)
+        else:
+            lack = _unknown_acceleration(samples, self.entry.name)
+        if lack is not None:
+            solution = replace(solution, findings=(lack, *solution.findings))
         fit, errors = self._verdict(solution, samples), self._accelerometer.errors()
         if errors is not None:
             covariance = solution.covariance if fit.covariance is None else fit.covariance
@@ -257,6 +268,19 @@ def _check_sign(plain: InertialSolution) -> None:
             " load exerts on the sensor, at rest f = m g",
             mass=mass,
         )
+
+
+def _unknown_acceleration(samples: FitSamples, name: str) -> EstimateFinding | None:
+    """A finding when the sensor turns fast, and its linear acceleration is not known."""
+    size = samples.unknown_acceleration
+    if size < _NOTABLE:
+        return None
+    return EstimateFinding(
+        ErrorCode.TOPIC_MISSING,
+        f"the recording has no positions: {name} takes the linear acceleration as zero, and turns like these usually"
+        f" have {size:.1g} m/s2: record positions, or an imu for poise; or move more slowly",
+        {"acceleration": size},
+    )
 
 
 def _neglected_bias(plain: InertialSolution, name: str) -> EstimateFinding | None:
