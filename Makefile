@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # With these the nodes find the package, and each other on this machine only.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# Many container images set it; without byte code, each start of a node compiles SciPy's sources again (1 to 2 s of CPU).
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test lint benchmark pictures clean
 

@@ -12,10 +12,9 @@ from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
 from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
 from poise.assembly.robustness import Robustness
-from poise.assembly.scene import read_object
+from poise.assembly.scene import check_density, read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.nodes.request_checks import check_range
 from poise.shape import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
@@ -118,10 +117,10 @@ def require_body(item: RigidObject) -> None:
     """
     if item.fixed:
         return
+    check_density(item)
     where, corners = f"object {item.id}: ", item.shape.polyhedron.vertices
     least, greatest = corners.min(axis=0), corners.max(axis=0)
     sides = greatest - least
-    check_range("mass per volume of the bounding box", float(item.mass / np.prod(sides)), where)
     size = float(np.linalg.norm(sides))
     com = item.shape.centroid if item.com is None else item.com
     off = float(np.linalg.norm(np.maximum(0.0, np.maximum(least - com, com - greatest))))

@@ -9,7 +9,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import frame_change, symmetric
 from poise.nodes.assembly_message import require_body
-from poise.nodes.request_checks import check_covariance, check_range
+from poise.ranges import check_covariance, check_range
 from poise_msgs.msg import InertialEstimate
 
 _QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}

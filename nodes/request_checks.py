@@ -1,47 +1,16 @@
-"""What numbers a request may hold: one table of ranges, checked once, before anything is computed."""
+"""The numbers of a request are in their ranges; checked once, before anything is computed."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.ranges import check_covariance, check_range
 from poise.robot import RobotModel
 from poise_msgs.srv import SetAssembly
 
-
-class Range(NamedTuple):
-    """Least and greatest value of an entry, its unit, and the code of a value outside and of one that is not finite."""
-
-    least: float
-    greatest: float
-    unit: str
-    code: ErrorCode = ErrorCode.BAD_INPUT
-    not_finite: ErrorCode = ErrorCode.NOT_FINITE
-
-
-RANGES = {
-    "position": Range(-1e4, 1e4, "m"),
-    "size": Range(1e-5, 1e3, "m", ErrorCode.OBJECT_INVALID),
-    "mesh vertex": Range(-1e3, 1e3, "m", ErrorCode.MESH_INVALID),
-    "mesh_scale": Range(1e-6, 1e3, "", ErrorCode.OBJECT_INVALID),
-    "mass": Range(1e-6, 1e6, "kg", ErrorCode.OBJECT_INVALID),
-    "mass per volume of the bounding box": Range(1e-3, 1e5, "kg/m3", ErrorCode.OBJECT_INVALID),
-    "com": Range(-1e3, 1e3, "m"),
-    "inertia": Range(-1e9, 1e9, "kg m2"),
-    "covariance": Range(-1e12, 1e12, "kg, kg m, kg m2 squared"),
-    "gravity": Range(0.1, 100.0, "m/s2"),
-    "friction": Range(0.0, 10.0, ""),
-    "point": Range(-1e4, 1e4, "m"),
-    "length of direction": Range(1e-6, 1e6, ""),
-    "map_tolerance": Range(1e-3, 1.0, "", not_finite=ErrorCode.BAD_INPUT),
-    "deadline": Range(1e-9, 1e9, "s", not_finite=ErrorCode.BAD_INPUT),
-    "characters of an id": Range(1, 255, "", ErrorCode.OBJECT_INVALID),
-}
-"""Entries of requests; docs/robustness_server.md shows the same table."""
-_ROUNDING = 1e-6
-"""Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""
 _MOST_VERTICES = 3
 """Vertices per mesh triangle that a call may bring: those of triangles that share none."""
 
@@ -54,33 +23,6 @@ class CallLimits(NamedTuple):
     map_points: int = 100_000
     triangles: int = 500_000
     bytes: int = 64_000_000
-
-
-def check_range(name: str, values: Any, where: str = "") -> None:
-    """Raise unless all values are in the range of this name.
-
-    Args:
-        name: in `RANGES`.
-        values: a number, or an array of any shape.
-        where: what has them, for the message.
-
-    Raises:
-        InputError: NOT_FINITE, BAD_INPUT, OBJECT_INVALID or MESH_INVALID, as the range says.
-    """
-    least, greatest, unit, code, not_finite = RANGES[name]
-    if isinstance(values, float | int):
-        if least <= values <= greatest:
-            return
-        worst = float(values)
-    else:
-        numbers = np.asarray(values, dtype=np.float64).ravel()
-        outside = ~((numbers >= least) & (numbers <= greatest))
-        if not outside.any():
-            return
-        worst = float(numbers[outside][0])
-    if not math.isfinite(worst):
-        raise InputError(not_finite, f"{where}{name} is {worst}, which is not finite")
-    raise InputError(code, f"{where}{name} is {worst:g} {unit}; it may be {least:g} to {greatest:g} {unit}".rstrip())
 
 
 def check_request(request: Any, limits: CallLimits) -> None:
@@ -134,29 +76,6 @@ def check_object(message: Any) -> None:
         check_range("inertia", moments, where)
     if len(message.covariance):
         check_covariance(message.covariance, where)
-
-
-def check_covariance(values: Sequence[float], where: str = "") -> None:
-    """Raise unless 100 numbers are a symmetric and positive semi-definite matrix.
-
-    Raises:
-        InputError: NOT_FINITE, BAD_INPUT.
-    """
-    if len(values) != 100:
-        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance: {len(values)} numbers; it has 100, or none")
-    check_range("covariance", values, where)
-    matrix = np.asarray(values, dtype=np.float64).reshape(10, 10)
-    # Mass, first moment and inertia have scales of their own: compare correlations.
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scaled = matrix / np.maximum(np.outer(scale, scale), 1e-300)
-    flat = scale == 0
-    if (
-        np.any(np.diag(matrix) < 0)
-        or np.any(matrix[flat])
-        or not np.allclose(scaled, scaled.T, atol=_ROUNDING)
-        or np.linalg.eigvalsh((scaled + scaled.T) / 2)[0] < -_ROUNDING
-    ):
-        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance is not symmetric and positive semi-definite")
 
 
 def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:

@@ -42,6 +42,9 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     executor = EventsExecutor()
+    # It is never destroyed: a signal while it takes in entities makes it forget some, and its destructor would abort
+    # (rclpy 7.1.6).
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(executor))
     node = None
     status = 0
     try:

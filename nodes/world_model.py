@@ -22,12 +22,13 @@ from poise.nodes.assembly_message import object_of
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import require_usable, weighed
-from poise.nodes.request_checks import CallLimits, check_object, check_range
+from poise.nodes.request_checks import CallLimits, check_object
 from poise.nodes.robustness_calls import Call, call_of
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, guarded
 from poise.nodes.scanned_object import scanned_object
 from poise.nodes.transforms import add_transforms, pose_between, pose_of, pose_of_transform
 from poise.nodes.world_message import GRASP_EVENTS, standing_message, state_message, transforms_of
+from poise.ranges import check_range
 from poise.recording import stamp_of
 from poise.robot import FrameTree
 from poise.world import World, load_world, save_world, settled

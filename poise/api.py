@@ -7,6 +7,7 @@ from typing import Any
 from poise.assembly import Analysis, Assembly, Push, RigidObject, assess, load_scene
 from poise.assembly.robustness import Assessment
 from poise.assembly.scene import read_object
+from poise.errors import ErrorCode, InputError
 from poise.inertia import Identification
 from poise.inertia import identify as _identify
 from poise.inertia.model import load_object
@@ -112,7 +113,7 @@ def robustness(scene: SceneSource, pushes: Sequence[PushSource] = (), **options:
         InputError: FILE_UNREADABLE, OBJECT_UNKNOWN, POINT_OFF_SURFACE, INTERPENETRATION, FLOATING.
         NoAnswerError: SOLVER_FAILED.
     """
-    return assess(_analysis(scene), [push if isinstance(push, Push) else Push(*push) for push in pushes], **options)
+    return assess(_analysis(scene), [_push(push) for push in pushes], **options)
 
 
 def place(
@@ -133,7 +134,9 @@ def place(
         InputError: FILE_UNREADABLE, OBJECT_INVALID, INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, NO_PLACEMENT, DEADLINE.
     """
-    if not isinstance(item, RigidObject):
+    if not isinstance(item, RigidObject | Mapping):
+        raise InputError(ErrorCode.BAD_INPUT, f"item is {item!r:.80}: give a RigidObject, or its entry of a scene file")
+    if isinstance(item, Mapping):
         item = read_object({"id": "placed", **item}, Path(), "item")
     return plan_placement(_analysis(scene), item, options or Options(), seed)
 
@@ -160,6 +163,17 @@ def diagnose(
     readings = [first, *(read_recording(_recording(other), first.model) for other in several[1:])]
     recorded, last = joined([reading.recorded for reading in readings])
     return _diagnose(recorded, first.model, last if last.any() else None)
+
+
+def _push(source: PushSource) -> Push:
+    if isinstance(source, Push):
+        return source
+    try:
+        name, point, direction = source
+    except (TypeError, ValueError) as error:
+        what = f"push {source!r:.80}: give a Push, or (object id, point, direction)"
+        raise InputError(ErrorCode.BAD_INPUT, what) from error
+    return Push(name, point, direction)
 
 
 def _recording(source: Source | Recording) -> Recording:

@@ -27,7 +27,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque", "gripping"},
     {"geometry", "kernels", "keystore", "serial_bus"},
-    {"types", "errors", "files", "registry"},
+    {"types", "errors", "files", "ranges", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from poise.calibration.adjustment import BOARD, EYE, BoardFit, BoardProblem, Parameters, adjust, jackknife
 from poise.calibration.recording_checks import LEAST_VIEWS, require_finite, require_places, require_turns
@@ -363,9 +363,9 @@ def _require_one_place(problem: BoardProblem, fit: BoardFit) -> float:
     steps = -np.linalg.lstsq(columns / unit, fit.errors, rcond=None)[0] / unit
     spread = jackknife(columns, fit.errors + columns @ steps, problem)[-6:, -6:]
     step, free = steps[-6:], max(problem.places - 7, 1)
-    # Hotelling's T squared of 6 numbers.
+    # Hotelling's T squared of 6 numbers; `fdtrc` is `scipy.stats.f.sf` without the import of every distribution.
     size = float(step @ np.linalg.solve(spread, step)) * free / (6 * (free + 5))
-    chance = float(f_distribution.sf(size, 6, free))
+    chance = float(fdtrc(6, free, size))
     if chance < _CHANCE:
         raise NoAnswerError(
             ErrorCode.POOR_FIT,

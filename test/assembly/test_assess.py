@@ -15,11 +15,11 @@ BAD = {
     "unknown id": (("ghost", *GOOD[1:]), ErrorCode.OBJECT_UNKNOWN, "ghost"),
     "off the surface": (("cube", (-0.6, 0, 0.2), GOOD[2]), ErrorCode.POINT_OFF_SURFACE, "100.0 mm off"),
     "inside": (("cube", (0, 0, 0.5), GOOD[2]), ErrorCode.POINT_OFF_SURFACE, "500.0 mm off"),
-    "no direction": (("cube", GOOD[1], (0, 0, 0)), ErrorCode.BAD_INPUT, "no length"),
+    "no direction": (("cube", GOOD[1], (0, 0, 0)), ErrorCode.BAD_INPUT, "length of direction"),
     "point not finite": (("cube", (np.nan, 0, 0), GOOD[2]), ErrorCode.NOT_FINITE, "point"),
     "direction not finite": (("cube", GOOD[1], (np.inf, 0, 0)), ErrorCode.NOT_FINITE, "direction"),
-    "two numbers": (("cube", (0, 0), GOOD[2]), ErrorCode.BAD_INPUT, "three numbers"),
-    "words": (("cube", "abc", GOOD[2]), ErrorCode.BAD_INPUT, "three numbers"),
+    "two numbers": (("cube", (0, 0), GOOD[2]), ErrorCode.BAD_INPUT, "3 numbers"),
+    "words": (("cube", "abc", GOOD[2]), ErrorCode.BAD_INPUT, "3 numbers"),
 }
 
 

@@ -155,15 +155,15 @@ def without(key):
 
 
 BAD = {
-    "zero mass": (crate(mass=0), ErrorCode.OBJECT_INVALID, "crate: mass 0 kg"),
-    "negative mass": (crate(mass=-1.0), ErrorCode.OBJECT_INVALID, "crate: mass -1 kg"),
+    "zero mass": (crate(mass=0), ErrorCode.OBJECT_INVALID, "crate: mass is 0 kg"),
+    "negative mass": (crate(mass=-1.0), ErrorCode.OBJECT_INVALID, "crate: mass is -1 kg"),
     "mass not a number": (crate(mass=float("nan")), ErrorCode.NOT_FINITE, "crate: mass"),
     "mass as a word": (crate(mass="heavy"), ErrorCode.BAD_INPUT, "crate: mass"),
     "mass as true": (crate(mass=True), ErrorCode.BAD_INPUT, "crate: mass"),
     "no mass": (without("mass"), ErrorCode.OBJECT_INVALID, "crate: has no mass"),
     "no shape": (without("box"), ErrorCode.OBJECT_INVALID, "crate: give one of box"),
     "two shapes": (crate(cylinder=[1, 1]), ErrorCode.OBJECT_INVALID, "box and cylinder"),
-    "negative side": (crate(box=[1, -1, 1]), ErrorCode.OBJECT_INVALID, "crate: box"),
+    "negative side": (crate(box=[1, -1, 1]), ErrorCode.OBJECT_INVALID, "crate: entry 1 of size is -1 m"),
     "infinite side": (crate(box=[1, float("inf"), 1]), ErrorCode.NOT_FINITE, "crate: box"),
     "two sides": (crate(box=[1, 1]), ErrorCode.BAD_INPUT, "expected 3 numbers"),
     "short pose": (crate(pose=[0, 0, 0]), ErrorCode.BAD_INPUT, "expected 7 numbers"),
@@ -179,7 +179,7 @@ BAD = {
     "missing mesh file": (lambda c: (without("box")(c), crate(mesh="no.stl")(c)), ErrorCode.FILE_UNREADABLE, "no.stl"),
     "mesh of another kind": (lambda c: (without("box")(c), crate(mesh="a.dae")(c)), ErrorCode.UNSUPPORTED, "a.dae"),
     "nothing fixed": (lambda c: c["objects"].pop(0), ErrorCode.BAD_INPUT, "none is fixed"),
-    "negative friction": (root(friction=-0.1), ErrorCode.BAD_INPUT, "friction: -0.1"),
+    "negative friction": (root(friction=-0.1), ErrorCode.BAD_INPUT, "friction is -0.1"),
     "friction not a number": (root(friction=float("nan")), ErrorCode.NOT_FINITE, "friction"),
     "gravity not finite": (root(gravity=[0, 0, float("-inf")]), ErrorCode.NOT_FINITE, "gravity"),
     "gravity as a number": (root(gravity=9.81), ErrorCode.BAD_INPUT, "gravity"),
@@ -194,7 +194,7 @@ BAD = {
     "negative pair": (
         root(friction_pairs=[{"objects": ["floor", "crate"], "coefficient": -1}]),
         ErrorCode.BAD_INPUT,
-        "-1 is negative",
+        "floor and crate: entry 0 of friction is -1",
     ),
     "pair with itself": (
         root(friction_pairs=[{"objects": ["crate", "crate"], "coefficient": 1}]),

@@ -181,7 +181,7 @@ def test_models_that_elastic_contacts_do_not_check_say_so():
 
 
 def test_stability_that_is_not_known_in_time_is_no_error_but_doubtful():
-    found = Analysis.of(row(0.003)).require_stable(Deadline.after(-1.0))
+    found = Analysis.of(row(0.003)).require_stable(Deadline.after(0.0))
     assert found.doubtful
     assert not found.stable
     assert found.margin == 0

@@ -14,8 +14,9 @@ from poise.errors import ErrorCode, InputError, PoiseError
 from poise.nodes.answer_checks import check_answer
 from poise.nodes.assembly_message import assembly_of, pushes_of, robustness_message
 from poise.nodes.map_message import map_message
-from poise.nodes.request_checks import RANGES, CallLimits, check_covariance, check_request
+from poise.nodes.request_checks import CallLimits, check_request
 from poise.nodes.robustness_calls import call_of
+from poise.ranges import RANGES, check_covariance
 from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, SetAssembly

@@ -12,6 +12,7 @@ from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
+from poise.ranges import check_range, vectors
 from poise.types import Array, Mask
 
 _FASTEST = 1000.0
@@ -101,6 +102,7 @@ def acceleration_limits(
     """
     clock = Deadline.after(deadline)
     asked = _directions(directions)
+    vectors("position", [axis], 2, "axis: ")
     analysis = Analysis.of(assembly)
     stands = not analysis.require_stable(clock).doubtful
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
@@ -136,13 +138,10 @@ def _directions(directions: int | Array) -> Array:
             raise InputError(ErrorCode.BAD_INPUT, f"directions: {directions}, expected 1 to 100000")
         azimuth = 2 * np.pi * np.arange(directions) / directions
         return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(directions)], axis=1)
-    given = np.asarray(directions, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1:] != (3,) or not len(given):
-        raise InputError(ErrorCode.BAD_INPUT, f"directions have shape {given.shape}, expected (D, 3)")
-    if not np.all(np.isfinite(given)):
-        raise InputError(ErrorCode.NOT_FINITE, "directions: an entry is not finite")
-    if np.any(np.linalg.norm(given, axis=1) == 0):
-        raise InputError(ErrorCode.BAD_INPUT, "directions: one has no length")
+    given = vectors("direction", directions, where="directions: ")
+    if not len(given):
+        raise InputError(ErrorCode.BAD_INPUT, "directions: none is given")
+    check_range("length of direction", np.linalg.norm(given, axis=1))
     return unit(given)
 
 

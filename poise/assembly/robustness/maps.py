@@ -13,6 +13,7 @@ from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
+from poise.ranges import check_range
 from poise.types import Array, Indices, Mask
 
 _CEILING = 100.0
@@ -95,6 +96,9 @@ def robustness_map(
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     start, clock, name = time.perf_counter(), Deadline.after(deadline), model or DEFAULT_MODEL
+    if not isinstance(surface, int | SurfacePoints):
+        raise InputError(ErrorCode.BAD_INPUT, f"surface is {surface!r:.80}: give a number of points, or SurfacePoints")
+    check_range("map_tolerance", tolerance)
     _check_request(name, surface if isinstance(surface, int) else len(surface.points))
     analysis = Analysis.of(assembly)
     stands = not analysis.require_stable(clock).doubtful

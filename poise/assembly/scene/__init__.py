@@ -5,7 +5,7 @@
 """
 
 from poise.assembly.scene.mesh_files import load_mesh
-from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject
+from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.scene_files import load_scene, read_object, read_scene, scene_content, write_scene
 from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, merge_facets
 
@@ -18,6 +18,7 @@ __all__ = [
     "Polyhedron",
     "RigidObject",
     "Shape",
+    "check_density",
     "load_mesh",
     "load_scene",
     "merge_facets",

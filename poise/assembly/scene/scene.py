@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from poise.assembly.scene.shapes import Shape
 from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.ranges import check_covariance, check_range, vectors
 from poise.types import Array
 
 _Value = TypeVar("_Value", bound=Hashable)
@@ -48,23 +49,24 @@ class RigidObject:
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id:
             raise InputError(ErrorCode.OBJECT_INVALID, f"object id {self.id!r}: give every object a name")
-        for name, value in (
-            ("pose", np.concatenate([self.pose.rotation.ravel(), self.pose.translation])),
-            ("mass", self.mass),
-            ("com", self.com),
-            ("inertia", self.inertia),
-            ("covariance", self.covariance),
-        ):
-            if value is not None and not np.all(np.isfinite(value)):
-                raise InputError(ErrorCode.NOT_FINITE, f"object {self.id}: {name} is not finite", object=self.id)
-        if self.fixed:
-            return
-        if self.mass <= 0:
-            raise self._invalid(f"mass {self.mass:g} kg; it must be positive (or mark the object as fixed)")
-        if self.inertia is not None and not _is_inertia(self.inertia):
-            raise self._invalid(
-                "the inertia matrix belongs to no body: check the order ixx ixy ixz iyy iyz izz, about com"
-            )
+        where = f"object {self.id}: "
+        check = partial(check_range, where=where, object=self.id)
+        check("characters of an id", len(self.id))
+        check("position", self.pose.rotation)
+        check("position", self.pose.translation)
+        self.shape.check_size(where)
+        if not self.fixed:
+            check("mass", self.mass)
+        if self.com is not None:
+            vectors("com", [self.com], where=where)
+        if self.inertia is not None:
+            check("inertia", self.inertia)
+            if not self.fixed and not _is_inertia(self.inertia):
+                raise self._invalid(
+                    "the inertia matrix belongs to no body: check the order ixx ixy ixz iyy iyz izz, about com"
+                )
+        if self.covariance is not None:
+            check_covariance(np.ravel(self.covariance), where)
 
     def _invalid(self, what: str) -> InputError:
         return InputError(ErrorCode.OBJECT_INVALID, f"object {self.id}: {what}", object=self.id)
@@ -119,14 +121,12 @@ class Assembly:
         ids = {item.id for item in self.objects}
         if not any(item.fixed for item in self.objects):
             raise InputError(ErrorCode.BAD_INPUT, "objects: none is fixed; mark the floor or tray with fixed: true")
-        if not np.all(np.isfinite(self.gravity)):
-            raise InputError(ErrorCode.NOT_FINITE, f"gravity {self.gravity} is not finite")
+        check_range("gravity", float(np.linalg.norm(vectors("direction", [self.gravity], where="gravity: "))))
         if self.friction is not None:
-            _check_friction("friction", self.friction)
+            check_range("friction", self.friction)
         for pair in self.friction_pairs:
             where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}"
-            _check_friction(where, pair.coefficient)
-            _check_friction(f"{where}: deviation", pair.deviation)
+            check_range("friction", [pair.coefficient, pair.deviation], f"{where}: ")
             for name in pair.objects:
                 if name not in ids:
                     raise InputError(ErrorCode.OBJECT_UNKNOWN, f"{where}: there is no object {name}", object=name)
@@ -213,11 +213,11 @@ def _repeated(values: Iterable[_Value]) -> list[_Value]:
     return [value for value, count in Counter(values).items() if count > 1]
 
 
-def _check_friction(where: str, value: float) -> None:
-    if not np.isfinite(value):
-        raise InputError(ErrorCode.NOT_FINITE, f"{where}: {value} is not finite")
-    if value < 0:
-        raise InputError(ErrorCode.BAD_INPUT, f"{where}: {value:g} is negative; Coulomb coefficients start at 0")
+def check_density(item: RigidObject) -> None:
+    """Raise an InputError, OBJECT_INVALID, for a density that no matter has: lengths in mm, or masses in g."""
+    if not item.fixed:
+        sides = np.ptp(item.shape.polyhedron.vertices, axis=0)
+        check_range("mass per volume of the bounding box", float(item.mass / np.prod(sides)), f"object {item.id}: ")
 
 
 def _is_inertia(matrix: Array) -> bool:

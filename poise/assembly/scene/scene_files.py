@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from poise.assembly.scene.mesh_files import load_mesh
-from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject
+from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
@@ -79,7 +79,7 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
         inertia[_UPPER] = _numbers(entry["inertia"], 6, f"{where}: inertia")
         inertia.T[_UPPER] = inertia[_UPPER]
     covariance = entry.get("covariance")
-    return RigidObject(
+    item = RigidObject(
         id=name,
         shape=_shape(entry, folder, where),
         pose=_pose(entry.get("pose", [0, 0, 0, 0, 0, 0, 1]), where),
@@ -89,6 +89,8 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
         inertia=inertia,
         covariance=None if covariance is None else _numbers(covariance, 100, f"{where}: covariance").reshape(10, 10),
     )
+    check_density(item)
+    return item
 
 
 def write_scene(assembly: Assembly, path: str | Path) -> None:
@@ -156,10 +158,6 @@ def _shape(entry: Mapping[str, Any], folder: Path, where: str) -> Shape:
             raise InputError(ErrorCode.BAD_INPUT, f"{where}: mesh is {entry['mesh']!r}, expected a file name")
         return load_mesh(entry["mesh"], folder, _number(entry.get("scale", 1.0), f"{where}: scale"))
     sizes = _numbers(entry[kinds[0]], 3 if kinds[0] == "box" else 2, f"{where}: {kinds[0]}")
-    if np.any(sizes <= 0):
-        raise InputError(
-            ErrorCode.OBJECT_INVALID, f"{where}: {kinds[0]} {sizes.tolist()} has a side that is not positive"
-        )
     return Box(tuple(sizes.tolist())) if kinds[0] == "box" else Cylinder(*sizes.tolist())
 
 

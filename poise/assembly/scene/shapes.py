@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
+from poise.ranges import check_range
 from poise.types import Array, Indices
 
 _CIRCLE_SIDES = 64
@@ -97,6 +98,9 @@ class Shape(Protocol):
     def inertia_per_mass(self) -> Array:
         """(3, 3) about the centroid at uniform density, m2."""
 
+    def check_size(self, where: str) -> None:
+        """Raise an InputError, which begins with `where`, unless all lengths are in their range."""
+
 
 @dataclass(frozen=True)
 class Box:
@@ -121,6 +125,9 @@ class Box:
     def inertia_per_mass(self) -> Array:
         squares = np.square(self.size)
         return np.diag(squares.sum() - squares) / 12
+
+    def check_size(self, where: str) -> None:
+        check_range("size", self.size, where)
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,9 @@ class Cylinder:
     def inertia_per_mass(self) -> Array:
         across = self.radius**2 / 4 + self.length**2 / 12
         return np.diag([across, across, self.radius**2 / 2])
+
+    def check_size(self, where: str) -> None:
+        check_range("size", (self.radius, self.length), where)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +216,9 @@ class Mesh:
     def inertia_per_mass(self) -> Array:
         second = self._moments[2] / self.volume - np.outer(self.centroid, self.centroid)
         return np.asarray(np.trace(second) * np.eye(3) - second)
+
+    def check_size(self, where: str) -> None:
+        check_range("mesh vertex", self.vertices, where)
 
 
 def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:

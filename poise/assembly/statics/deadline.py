@@ -2,6 +2,9 @@
 
 import time
 from dataclasses import dataclass
+from numbers import Real
+
+from poise.ranges import check_range
 
 
 @dataclass(frozen=True)
@@ -12,8 +15,15 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float | None) -> "Deadline":
-        """The deadline this many seconds from now; None: no deadline."""
-        return cls(None if seconds is None else time.monotonic() + seconds)
+        """The deadline this many seconds from now; None: no deadline.
+
+        Raises:
+            InputError: BAD_INPUT unless it is a number in its range.
+        """
+        if seconds is None:
+            return cls()
+        check_range("deadline", seconds if isinstance(seconds, Real) else repr(seconds))
+        return cls(time.monotonic() + seconds)
 
     @property
     def passed(self) -> bool:

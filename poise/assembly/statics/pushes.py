@@ -11,6 +11,7 @@ from poise.assembly.contact import distance_to_triangles
 from poise.assembly.scene import Assembly, Box, Cylinder, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
+from poise.ranges import check_range, vectors
 from poise.types import Array
 
 
@@ -59,11 +60,10 @@ def loads_of(assembly: Assembly, pushes: Sequence[Push | Sequence[Push]], tolera
     flat = [push for group in groups for push in group]
     question = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     place = np.array([assembly.place_of(push.object) for push in flat], dtype=np.int64)
-    points = _vectors([push.point for push in flat], "point")
-    directions = _vectors([push.direction for push in flat], "direction")
+    points = vectors("point", [push.point for push in flat], where="pushes: ")
+    directions = vectors("direction", [push.direction for push in flat], where="pushes: ")
     lengths = np.linalg.norm(directions, axis=1)
-    if np.any(lengths <= 0):
-        raise InputError(ErrorCode.BAD_INPUT, f"push {int(lengths.argmin())}: its direction has no length")
+    check_range("length of direction", lengths, "pushes: ")
     for index in np.unique(place):
         rows = np.flatnonzero(place == index)
         _check_on_surface(assembly.objects[index], points[rows], rows, tolerance)
@@ -71,18 +71,6 @@ def loads_of(assembly: Assembly, pushes: Sequence[Push | Sequence[Push]], tolera
     if len(flat):
         largest[np.unique(question)] = np.maximum.reduceat(lengths, np.unique(question, return_index=True)[1])
     return Loads(question, place, wrench_of_force(directions / largest[question, None], points), len(groups))
-
-
-def _vectors(values: Sequence[ArrayLike], name: str) -> Array:
-    try:
-        vectors = np.array(values, dtype=np.float64).reshape(len(values), 3)
-    except (TypeError, ValueError) as error:
-        raise InputError(ErrorCode.BAD_INPUT, f"pushes: each {name} must be three numbers") from error
-    wrong = ~np.isfinite(vectors).all(axis=1)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise InputError(ErrorCode.NOT_FINITE, f"push {row}: its {name} {vectors[row]} is not finite")
-    return vectors
 
 
 def _check_on_surface(item: RigidObject, points: Array, rows: NDArray[np.int64], tolerance: float) -> None:
