@@ -80,6 +80,12 @@ PLACE_EXECUTION_PARAMETERS = (
     Parameter(
         "gripper_squeeze", Gripper.squeeze, "execute: m that it closes beyond the width of what it grasps", (0.0, 0.08)
     ),
+    Parameter(
+        "fingers_show_grasp",
+        False,
+        "execute: what is held keeps the fingers open by gripper_squeeze, and is gone when they are closed; not so with"
+        " soft objects",
+    ),
     Parameter("gripper_seconds", Gripper.seconds, "execute: time that the fingers need, s", (0.05, 60.0)),
 )
 
@@ -185,7 +191,7 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        holds = self._transfer.phases[0].holding
+        holds = self._values["fingers_show_grasp"] and self._transfer.phases[0].holding
         self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now, holds)
 
     @property
