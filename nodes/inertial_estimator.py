@@ -31,8 +31,11 @@ _UPDATE_PERIOD = 0.05
 """s between bringing wrenches and motion together: many at once cost less than one by one."""
 _SOLVING = 0.2
 """Share of a core that solving may take: with many samples it is done less often."""
-_DEPTH = 10_000
-"""Messages that may wait, such as those of 10 s at 1 kHz: solving and a busy machine hold the node up."""
+DEPTH = 4000
+"""Messages that may wait, such as those of 4 s at 1 kHz: solving and a busy machine hold the node up.
+
+rmw_fastrtps keeps 5000 at most, whatever is asked for, and then the oldest instead of the newest.
+"""
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -46,12 +49,12 @@ class InertialEstimator(ArmNode):
         """For who weighs on request, see `LiveEstimator.begin_window`."""
         self._published = self._told = 0
         self._rest = 0.0
-        self._backlog = Backlog(_DEPTH)
+        self._backlog = Backlog(DEPTH)
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
         self._diagnostics = DiagnosticsPublisher(self)
-        best_effort = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        best_effort = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         for message_type, topic, callback in (
             (WrenchStamped, "wrench", self._on_wrench),
             (JointState, "joint_states", self._on_joint_state),
@@ -61,7 +64,7 @@ class InertialEstimator(ArmNode):
             if topic == "wrench" and values["best_effort"]:
                 self.create_subscription(message_type, topic, guarded(self, counted), best_effort)
             else:
-                subscribe(self, message_type, topic, counted, _DEPTH)
+                subscribe(self, message_type, topic, counted, DEPTH)
         for message_type, topic, callback, qos in (
             (Odometry, "odom", self._on_odometry, best_effort),
             (String, "robot_description", self._on_description, _LATCHED),
@@ -145,7 +148,7 @@ class InertialEstimator(ArmNode):
 
     def _update(self) -> None:
         for topic in self._backlog.full():
-            self.get_logger().warning(f"{topic}: {_DEPTH} messages waited, and older ones are lost")
+            self.get_logger().warning(f"{topic}: {DEPTH} messages waited, and older ones are lost")
         self.live.update(time.monotonic())
         for change in self.live.changes[self._told :]:
             self._changes.publish(change_message(change, self.live.sensor_frame))

@@ -163,6 +163,7 @@ class Kind:
 KINDS = (
     Kind("no shape", nothing),
     Kind("no shape, ols", nothing, method="ols"),
+    Kind("no shape, static", nothing, method="static"),
     Kind("bodies", bodies),
     Kind("bodies, one of two materials", body_of_two, least_parts=3),
     Kind("outer surface", surface),

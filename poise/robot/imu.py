@@ -77,7 +77,7 @@ class ImuSource:
         InputError: TOPIC_MISSING when it has none.
     """
 
-    jumps = 0
+    jumps, has_positions = 0, True
 
     def __init__(self, imu: Imu, gravity: float) -> None:
         known = np.isfinite(imu.angular_velocity).all(axis=1)

@@ -39,6 +39,10 @@ class MotionSource(Protocol):
         """For people: what it is."""
 
     @property
+    def has_positions(self) -> bool:
+        """False: only attitudes are known, and no linear acceleration."""
+
+    @property
     def newest(self) -> int | None:
         """Up to which stamp the kinematics are known."""
 
@@ -75,6 +79,8 @@ class JointSource:
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID when no joint moves the sensor.
     """
+
+    has_positions = True
 
     def __init__(self, model: RobotModel) -> None:
         if not model.joint_names:

@@ -149,16 +149,17 @@ def test_a_push_that_imitates_a_payload_at_first_is_told_by_the_bias_however_far
     np.testing.assert_allclose(estimator.tare, bias, atol=0.05)
 
 
-def test_the_offset_of_an_accelerometer_is_no_contact():
+def test_the_offset_of_an_accelerometer_is_no_contact_and_does_not_add_up_over_grasps():
     rng = np.random.default_rng(3)
     noise = NoiseLevels(0.05, 0.0025, force_bias=np.inf, torque_bias=np.inf)
     estimator = ContinuousEstimator(None, noise, offset=0.5)
-    for payload, seconds, begin in ((LIGHT, 5.0, 0.0), (20 * HELD, 5.0, 5.0)):
-        stamps, rows, _ = samples(payload, seconds, begin, rng)
+    for number in range(8):
+        stamps, rows, _ = samples((LIGHT, 20 * HELD)[number % 2], 3.5, 3.5 * number, rng)
         rows[:, 0] += 0.3  # m/s2
         fed(estimator, stamps, rows)
-    assert len(estimator.changes) == 1
-    assert estimator.doubts(estimator.solve().bias) == ()
+        assert len(estimator.changes) == number
+        assert not any(each.probability == 0.5 for each in estimator.doubts(estimator.solve().bias))
+    assert estimator.bias_spread[0] == pytest.approx(0.5 * (0.9 - 0.02), rel=0.1)
 
 
 @pytest.mark.parametrize("seed", [8, 9])

@@ -8,6 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from poise.nodes.backlog import Backlog
+from poise.nodes.inertial_estimator import DEPTH
 from poise.nodes.runtime import subscribe, topic_hint
 
 pytestmark = pytest.mark.ros
@@ -36,19 +37,23 @@ def test_best_effort_publishers_are_heard_and_nothing_is_heard_twice(graph, raw)
     node.destroy_node()
 
 
-def test_a_queue_that_was_full_while_the_node_was_held_up_is_counted(graph) -> None:
+@pytest.mark.parametrize("depth", [20, DEPTH])
+def test_a_queue_that_was_full_while_the_node_was_held_up_keeps_the_newest_and_is_counted(graph, depth) -> None:
     node = Node("held_up", context=graph.node.context)
     graph.add(node)
-    backlog = Backlog(20)
-    heard: list[object] = []
-    subscribe(node, WrenchStamped, "wrench", backlog.counted("wrench", heard.append), backlog.depth)
-    publisher = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=100))
+    backlog = Backlog(depth)
+    heard: list[WrenchStamped] = []
+    subscribe(node, WrenchStamped, "wrench", backlog.counted("wrench", heard.append), depth)
+    publisher = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=2 * depth))
     graph.wait_for(publisher.get_subscription_count, what="the subscription")
-    for count, least, full in ((10, 10, []), (60, 20, ["wrench"]), (10, 10, [])):
+    message = WrenchStamped()
+    for count, kept, full in ((depth // 2, depth // 2, []), (depth * 3 // 2, depth, ["wrench"]), (10, 10, [])):
         heard.clear()
-        for _ in range(count):
-            publisher.publish(WrenchStamped())
-        graph.wait_for(lambda least=least: len(heard) >= least, what="the messages that waited")
+        for number in range(count):
+            message.header.stamp.sec = number
+            publisher.publish(message)
+        graph.wait_for(lambda kept=kept: len(heard) >= kept, what="the messages that waited")
+        assert [one.header.stamp.sec for one in heard] == list(range(count - kept, count))
         assert backlog.full() == full
     assert backlog.overflows == 1
     node.destroy_node()

@@ -23,6 +23,9 @@ from poise.types import Array
 _APART = 3.0
 """Standard deviations from which on another payload is worth a finding."""
 
+_NOTABLE = 0.1
+"""m/s2 of linear acceleration, one percent of gravity."""
+
 
 @dataclass(frozen=True, eq=False)
 class InertialEstimate:
@@ -150,6 +153,18 @@ class InertialEstimate:
         )
         found = EstimateFinding(ErrorCode.IN_CONTACT, sentence, {"other_mass": other})
         return replace(self, covariance=covariance, findings=(*self.findings, found))
+
+    def without_positions(self) -> "InertialEstimate":
+        """With a finding, where the linear acceleration was taken as zero though the sensor turned fast."""
+        size = 0.0 if self.samples is None else self.samples.usual_acceleration
+        if size < _NOTABLE:
+            return self
+        sentence = (
+            f"the recording has no positions: {self.method} takes the linear acceleration as zero, and turns like these"
+            f" usually have {size:.1g} m/s2: record positions, or an imu for poise; or move more slowly"
+        )
+        found = EstimateFinding(ErrorCode.TOPIC_MISSING, sentence, {"acceleration": size})
+        return replace(self, findings=(found, *self.findings))
 
     @property
     def mass_std(self) -> float:

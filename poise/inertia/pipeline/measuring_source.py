@@ -43,6 +43,11 @@ class MeasuringSource:
         return self._source.words
 
     @property
+    def has_positions(self) -> bool:
+        """See `MotionSource`."""
+        return self._source.has_positions
+
+    @property
     def newest(self) -> int | None:
         """See `MotionSource`."""
         return self._source.newest

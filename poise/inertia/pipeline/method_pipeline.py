@@ -38,8 +38,6 @@ _AFTER_JUMP = 10**9
 """ns that pass for the estimator when the clock jumps."""
 _SURELY = 5.0
 """Standard deviations."""
-_NOTABLE = 0.1
-"""m/s2 of linear acceleration, one percent of gravity."""
 _EMPTY_HAND = 0.02
 """kg; a smaller mass says nothing about the sign of the wrench."""
 
@@ -188,11 +186,8 @@ class MethodPipeline:
         samples = self._bins.samples
         if self.entry.motion is MotionNeed.STILL:
             poses = HeldPoses.of(samples)
-            solution, lack = poses.widened(solution), poses.finding(self.rejections.counts)
-        else:
-            lack = _unknown_acceleration(samples, self.entry.name)
-        if lack is not None:
-            solution = replace(solution, findings=(lack, *solution.findings))
+            solution, few = poses.widened(solution), poses.finding(self.rejections.counts)
+            solution = replace(solution, findings=(*([] if few is None else [few]), *solution.findings))
         fit, errors = self._verdict(solution, samples), self._accelerometer.errors()
         if errors is not None:
             covariance = solution.covariance if fit.covariance is None else fit.covariance
@@ -268,19 +263,6 @@ def _check_sign(plain: InertialSolution) -> None:
             " load exerts on the sensor, at rest f = m g",
             mass=mass,
         )
-
-
-def _unknown_acceleration(samples: FitSamples, name: str) -> EstimateFinding | None:
-    """A finding when the sensor turns fast, and its linear acceleration is not known."""
-    size = samples.unknown_acceleration
-    if size < _NOTABLE:
-        return None
-    return EstimateFinding(
-        ErrorCode.TOPIC_MISSING,
-        f"the recording has no positions: {name} takes the linear acceleration as zero, and turns like these usually"
-        f" have {size:.1g} m/s2: record positions, or an imu for poise; or move more slowly",
-        {"acceleration": size},
-    )
 
 
 def _neglected_bias(plain: InertialSolution, name: str) -> EstimateFinding | None:

@@ -289,6 +289,8 @@ class OnlineEstimator:
             found = running.estimate(self.frame_id)
         if self._changes is not None:
             found = found.doubted(self._changes.doubts(found.bias))
+        if self.imu is None and not self.source.has_positions:
+            found = found.without_positions()
         if not self.foreign_wrenches:
             return found
         return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))
@@ -317,7 +319,7 @@ class OnlineEstimator:
             is_empty: nothing is held, so that the shape does not count.
         """
         given = self._prior.noise
-        noise = replace(given, force_bias=spread[0], torque_bias=spread[1])
+        noise = replace(given, force_bias=spread[0], torque_bias=spread[1], zeroed=1.0)
         prior = replace(self._prior, noise=noise, tare=bias) if np.isnan(given.force_bias) else self._prior
         prior = replace(prior, parts=None) if is_empty else prior
         return MethodPipeline(entry, buffer, prior, self._limits, lambda: self._motion_noise, self._max_intervals)

@@ -150,9 +150,7 @@ def _weighed(
         if found and np.isfinite(found[0].mass_std):
             break
     if np.isfinite(spread).all():
-        for estimate in _tried(samples, estimator, DEFAULT_METHOD, (bias[0], spread), is_empty):
-            widened = estimate.covariance + _of_bias(spread, float(np.linalg.norm(estimator.gravity)))
-            found.append(replace(estimate, covariance=widened))
+        found += _tried(samples, estimator, DEFAULT_METHOD, (bias[0], spread), is_empty)
     if not found:
         raise NoAnswerError(
             ErrorCode.TOO_FEW_SAMPLES, f"{len(samples.stamps)} samples of a payload are too few: record it for longer"
@@ -172,12 +170,6 @@ def _tried(
         return [pipeline.estimate(estimator.frame_id)]
     except NoAnswerError:
         return []
-
-
-def _of_bias(spread: Array, gravity: float) -> Array:
-    """(10, 10) of phi at rest in one attitude, when the bias is known with deviations (2,), N and N m."""
-    deviation = np.repeat([spread[0], spread[1], 0.0], [1, 3, 6]) / gravity
-    return np.diag(deviation**2)
 
 
 def _leaking(

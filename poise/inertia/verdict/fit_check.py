@@ -163,7 +163,7 @@ def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None
 def _unexplained(slow: SlowResidual, failed: Sequence[FitTest]) -> float:
     """Share of the load that stays unexplained; 0 where no test failed."""
     scale = dict(zip(("force", "torque"), slow.scale, strict=True))
-    shares = [test.value / scale[kind] for test in failed if (kind := test.name.rpartition("_")[2]) in scale]
+    shares = [test.value / max(scale[kind], 1e-9) for test in failed if (kind := test.name.rpartition("_")[2]) in scale]
     shares += [test.value for test in failed if test.name in ("tilt", "weight", "lever", "clipped")]
     return min(max(shares, default=0.0), 1.0)
 

@@ -20,8 +20,8 @@ _MOST_BINS = 1_000
 _MOST_WAITING = 4_096
 """Samples that wait to be averaged."""
 
-_NO_ACCELERATION, _RADIUS = 1e-6, 0.5
-"""m/s2 that is rounding; m from a sensor to the axes that it turns about."""
+_RADIUS = 0.5
+"""m from a sensor to the axes that it turns about."""
 
 _TIME, _ROTATION, _SIGNALS, _WRENCH = 1, slice(2, 11), slice(11, 24), slice(24, 30)
 """Columns of the sums; the first column counts."""
@@ -66,9 +66,9 @@ class FitSamples:
         return np.asarray(self.gravity_in_sensor - self.signals[:, :3])
 
     @property
-    def unknown_acceleration(self) -> float:
-        """m/s2, about what an arm's sensor has while it turns so, where only its attitude is known; else 0."""
-        if not len(self) or np.abs(self.acceleration_in_sensor).max() > _NO_ACCELERATION:
+    def usual_acceleration(self) -> float:
+        """m/s2 root mean square, about what the sensor of an arm has while it turns so."""
+        if not len(self):
             return 0.0
         turning = np.linalg.norm(self.signals[:, 3:6], axis=1) + self.signals[:, [6, 9, 11]].sum(axis=1)
         return float(_RADIUS * np.sqrt(np.mean(turning**2)))
