@@ -41,7 +41,7 @@ from poise.manipulation import (
     steps_of,
     with_stops,
 )
-from poise.placement import Options, kept_free, plan_placement
+from poise.placement import Options, Steady, kept_free, plan_placement
 from poise.robot import RobotModel
 from poise.scanning import (
     Camera,
@@ -163,7 +163,8 @@ def stacked(scene: Assembly, scans: list[Scanned], costs: dict[str, list[float]]
             reach.require_free_start()
             reach.require_pick()
             looks = (*kept_free(rest.assembly, ["table"]), *reach.looks)
-            options = Options(deadline=SECONDS, candidates=3, tests=reach.tests, looks=looks)
+            tests = (("tips easily", Steady(1e-3)), *reach.tests)
+            options = Options(deadline=SECONDS, candidates=3, tests=tests, looks=looks)
             found = plan_placement(rest, reach.item, options)
             transfer = plan_transfer(reach, found.analysis, found.item, Limits(), SECONDS)
             costs["place"].append(time.process_time() - begun)

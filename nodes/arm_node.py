@@ -16,13 +16,17 @@ class ArmNode(ManagedNode):
 
     Args:
         name: of the node.
+        arm: its motions are those of an arm, which the watchdog stops; not those of a base.
     """
 
     watchdog: ProcessWatchdog
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, arm: bool = True) -> None:
         super().__init__(name)
-        declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)
+        if arm:
+            declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)
+        else:
+            declare_parameters(self, (AUTOSTART,))
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""

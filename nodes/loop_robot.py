@@ -227,7 +227,7 @@ class NodesRobot:
                 self._scan.publish(name)
                 self.wait(partial(self.standing, name), _NEWS, f"{name} in the world: {self._why}")
         else:
-            self._do("scan_object", id="object")
+            self._do("scan_object")
             self.wait(lambda: self._on_table, _SOLIDS, f"scanned objects in the world: {self._why}")
             with suppress(NoAnswerError):
                 self.wait(lambda: len(self._on_table) >= count, _SOLIDS, "all objects")

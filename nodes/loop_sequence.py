@@ -178,6 +178,7 @@ class LoopSequence:
                 "scan", "", lambda attempt: self._robot.scan(record.wanted), lambda: None, again=True
             ):
                 self._one(name)
+            self._find_lost()
             if self._distance and record.placed:
                 left = [each.name for each in record.objects if each.outcome != "placed"]
                 record.carried = self._step(
@@ -188,6 +189,30 @@ class LoopSequence:
         except PoiseError as error:
             record.error = error
         return record
+
+    def _find_lost(self) -> None:
+        """Look once more for what fell from the hand, and take it again.
+
+        Raises:
+            PoiseError: NOT_HELD when it is not found: it may lie on the tray; as `_one`.
+        """
+        record = self.record
+        left = [each for each in record.objects if each.outcome in ("lost", "skipped")]
+        fell = {each.name: each.why for each in left if each.outcome == "lost"}
+        if not fell:
+            return
+        try:
+            found = self._step("scan", "", lambda attempt: self._robot.scan(len(left)), lambda: None)
+        except PoiseError as error:
+            if _ends(error):
+                raise
+            found = []  # nothing lies on the table
+        for name in fell.keys() & found:
+            record.objects = [each for each in record.objects if each.name != name]
+            self._one(name)
+        for each in record.objects:
+            if each.outcome == "lost":
+                raise NoAnswerError(ErrorCode.NOT_HELD, f"{each.name} fell, and is not on the table: {each.why}")
 
     def _one(self, name: str) -> None:
         """One object, from the table to its place.
@@ -244,13 +269,20 @@ class LoopSequence:
             PoiseError: as `_one`.
         """
         seed = self._seed + len(self.record.objects)
-        known.robustness = self._step(
-            "place",
-            known.name,
-            lambda attempt: self._robot.place(seed + attempt),
-            lambda: self._placed(known.name),
-            again=True,
-        )
+        try:
+            known.robustness = self._step(
+                "place",
+                known.name,
+                lambda attempt: self._robot.place(seed + attempt),
+                lambda: self._placed(known.name),
+                again=True,
+            )
+        except PoiseError as error:
+            if error.code is not ErrorCode.NOT_HELD:
+                raise
+            known.outcome, known.why = "lost", error.message
+            self._recover()
+            return
         known.outcome = "placed"
 
     def _holds(self, name: str) -> bool | None:
@@ -284,6 +316,8 @@ class LoopSequence:
                 self._keep(StepRecord(step, name, time.monotonic() - begun, error.code, error.message))
                 attempt += 1
                 if _ends(error) or not (again or error.code in _PASSING):
+                    raise
+                if error.code is ErrorCode.NOT_HELD and step != "pick":  # there is nothing to do it with
                     raise
                 self._recover()
                 if (found := done()) is not None:

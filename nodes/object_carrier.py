@@ -48,7 +48,7 @@ class ObjectCarrier(ArmNode):
     """
 
     def __init__(self) -> None:
-        super().__init__("object_carrier")
+        super().__init__("object_carrier", arm=False)
         self._values = values = declare_parameters(self, OBJECT_CARRIER_PARAMETERS)
         self._limits: AccelerationLimits | None = None
         self._assembly_stamp, self._assembly_heard = 0, 0.0

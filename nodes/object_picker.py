@@ -251,7 +251,7 @@ class ObjectPicker(ArmNode):
             task.begun = task.planned = False
             task.due = time.monotonic() + seconds_of(task.goal, self._values["deadline"])
             return
-        if running.retry and error is not None and error.code is ErrorCode.NOT_HELD:
+        if error is not None and error.code is ErrorCode.NOT_HELD:
             self._hand.lost(task.item.id if task.item is not None else task.goal.request.id)
         self._end(task, error)
 

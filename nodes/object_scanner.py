@@ -1,5 +1,6 @@
 """Node: looks at an object from all sides with a camera on the hand, and publishes its shape and parts."""
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -331,7 +332,7 @@ class ObjectScanner(ArmNode):
     def _work(self, goal: WatchedGoal, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]) -> None:
         answer: tuple[PoiseError | None, SegmentedObject | None]
         try:
-            answer = None, self._scanned(goal.request.id or self._values["object_id"], session, robot, cancelled)
+            answer = None, self._scanned(goal.request.id, session, robot, cancelled)
         except PoiseError as error:
             answer = error, None
         except Exception as error:
@@ -341,35 +342,34 @@ class ObjectScanner(ArmNode):
             self._answer = answer
 
     def _scanned(
-        self, name: str, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]
+        self, asked: str, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]
     ) -> SegmentedObject:
-        """The object that was meant; with `all_objects` the others are published, too, under further names."""
+        """The object that was meant; with `all_objects` the others are published, too, under names of their own."""
         where, how = sweep_options(self._values), scan_options(self._values)
         region, planned = self._region, self._plan_notes
         sweep = session.sweep(robot, where)
         near = [how.near]
         if region is not None or self._values["all_objects"]:
             near = chosen_places(places_of(sweep.views, how), region, how.near, self._values["all_objects"])
-        objects, notes = list[tuple[str, Scan, Segmentation]](), [*planned, *sweep.notes]
+        objects, notes = list[tuple[Scan, Segmentation]](), [*planned, *sweep.notes]
         for number, point in enumerate(near):
-            own = name if number == 0 else f"{name}_{number + 1}"
 
             def reach(share: float, number: int = number) -> None:
                 self._share = (number + share) / len(near)
 
             try:
                 scanned = scan(sweep.views, replace(how, near=point), reach, cancelled)
-                objects.append((own, scanned, segment(scanned.points, scanned.colours)))
+                objects.append((scanned, segment(scanned.points, scanned.colours)))
             except InputError as error:
                 if number == 0:
                     raise
-                notes.append(f"{own} at {np.round(point, 3).tolist()} m was left out: {error.message}")
+                notes.append(f"what is at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
         messages = []
-        for stamp, (own, scanned, found) in enumerate(
-            objects, start=session.newest
-        ):  # a scan must be newer than the last
+        names = self._planner.names(asked, [found.solid for _, found in objects], sweep.base)
+        stamps = itertools.count(session.newest)  # a scan must be newer than the last
+        for own, stamp, (scanned, found) in zip(names, stamps, objects, strict=False):
             messages.append(self._message(own, stamp, scanned, found, notes))
             self._frames[own] = object_transform(sweep.base, own, stamp, scanned)
         self._transforms.publish(TFMessage(transforms=list(self._frames.values())))

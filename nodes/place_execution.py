@@ -80,6 +80,12 @@ PLACE_EXECUTION_PARAMETERS = (
     Parameter(
         "gripper_squeeze", Gripper.squeeze, "execute: m that it closes beyond the width of what it grasps", (0.0, 0.08)
     ),
+    Parameter(
+        "fingers_show_grasp",
+        False,
+        "execute: what is held keeps the fingers open by gripper_squeeze, and is gone when they are closed; not so with"
+        " soft objects",
+    ),
     Parameter("gripper_seconds", Gripper.seconds, "execute: time that the fingers need, s", (0.05, 60.0)),
 )
 
@@ -158,7 +164,8 @@ class Carrying:
         reach.require_pick()
         left = seconds_left(due, "the first pose")
         for_ways = min(self._values["ways_seconds"], left / 2)
-        wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=(*options.looks, *reach.looks))
+        tests, looks = (*options.tests, *reach.tests), (*options.looks, *reach.looks)
+        wanted = replace(options, deadline=left - for_ways, tests=tests, looks=looks)
         found = planner.plan(analysis, item, wanted, seed, report)
         seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])
@@ -184,7 +191,8 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now)
+        holds = self._values["fingers_show_grasp"] and self._transfer.phases[0].holding
+        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now, holds)
 
     @property
     def tool_pose(self) -> Pose:

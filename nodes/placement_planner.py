@@ -34,6 +34,7 @@ from poise.placement import (
     Options,
     Placement,
     PlacementProgress,
+    Steady,
     Uncertainty,
     kept_free,
 )
@@ -56,6 +57,14 @@ PLACEMENT_PLANNER_PARAMETERS = (
         "robust",
         False,
         "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass",
+        dynamic=True,
+    ),
+    Parameter(
+        "tipping_rise",
+        0.001,
+        "m that the centre of mass has to rise before the object tips over: the error of a scan, on whose facets round"
+        " objects would lie; 0 for exact shapes",
+        (0.0, 0.1),
         dynamic=True,
     ),
     Parameter("keep_free", WORDS, "ids of objects over which nothing is placed: the table that objects are taken from"),
@@ -106,6 +115,7 @@ class PlacementPlannerNode(ArmNode):
             candidates=values["candidates"],
             criterion=values["criterion"],
             on=values["support"],
+            tests=(("tips easily", Steady(values["tipping_rise"])),),
             uncertainty=Uncertainty() if values["robust"] else None,
             refining=values["refine"],
         )
@@ -220,6 +230,8 @@ class PlacementPlannerNode(ArmNode):
             else:
                 there = task.carrying.tool_pose @ in_hand
                 self._hand.released(task.item.id, there, task.assembly.header.frame_id)
+        if playing.dropped:
+            self._hand.lost(task.goal.request.object.id)
         if playing.done:
             self._end(task, playing.error)
 

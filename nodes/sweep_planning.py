@@ -12,15 +12,17 @@ from poise.assembly import Box, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.manipulation import Arm, LookPlan, plan_look, pose_of
-from poise.nodes.assembly_message import assembly_of
+from poise.nodes.assembly_message import assembly_of, object_of
 from poise.nodes.placed_arm import base_of, placed_arm
 from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import LATCHED, guarded
 from poise.nodes.transforms import heard_frames
 from poise.robot import parse_urdf
-from poise.scanning import Camera, RobotLog, ViewOptions, ViewRegion, camera_of, hand_eye_of
+from poise.scanning import Camera, RobotLog, ScannedBody, ViewOptions, ViewRegion, camera_of, hand_eye_of, names_of
+from poise.shape import Solid
 from poise.types import Array, Cancelled
 from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import WorldObject, WorldState
 
 PLANNED = "plan"
 """Of the parameter `sweep`."""
@@ -30,7 +32,7 @@ _SLAB = 0.02
 
 
 class SweepPlanner:
-    """Hears assembly and tf all the time, and camera_info while a goal waits for it.
+    """Hears assembly, world and tf all the time, and camera_info while a goal waits for it.
 
     Args:
         node: object_scanner.
@@ -45,7 +47,9 @@ class SweepPlanner:
         self._frames = heard_frames(node)
         self._camera: tuple[str, Camera] | None = None
         self._listening: Any = None
+        self._world: WorldState | None = None
         node.create_subscription(AssemblyMessage, "assembly", guarded(node, self._on_assembly), LATCHED)
+        node.create_subscription(WorldState, "world", guarded(node, self._on_world), LATCHED)
 
     def listen(self) -> None:
         """Begin to wait for the camera; it must be there before the arm moves."""
@@ -64,6 +68,44 @@ class SweepPlanner:
 
     def _on_assembly(self, message: AssemblyMessage) -> None:
         self._assembly = message
+
+    def _on_world(self, message: WorldState) -> None:
+        self._world = message
+
+    def names(self, asked: str, solids: list[Solid], base: str) -> list[str]:
+        """Of scanned objects, the one that was meant first; one that the world knows keeps its name.
+
+        Args:
+            asked: id of the goal; empty: it has none.
+            solids: of the objects, in the frame `base`; without `all_objects`, one.
+        """
+        name = asked or self._values["object_id"]
+        if not self._values["all_objects"]:
+            return [name]
+        bodies = [ScannedBody(solid.volumes @ solid.centroids / solid.volume, solid.volume) for solid in solids]
+        known, held = self._known(base)
+        if asked not in known:
+            return names_of(bodies, known, name, held)
+        del known[asked]
+        return [asked, *names_of(bodies[1:], known, name, [*held, asked])]
+
+    def _known(self, frame: str) -> tuple[dict[str, ScannedBody], list[str]]:
+        """The objects of the world that stand or were lost, in a frame, and the names of those in the hand.
+
+        Both are empty without a world, or where tf does not connect it with the frame.
+        """
+        world = self._world
+        joined = None if world is None else self._frames.pose(world.header.frame_id, frame)
+        if world is None or joined is None:
+            return {}, []
+        bodies = dict[str, ScannedBody]()
+        for each in world.objects:
+            if each.state != WorldObject.HELD:
+                item = object_of(each.object)
+                centre = joined.apply(item.pose.apply(item.shape.centroid))
+                where = None if each.state == WorldObject.LOST else centre
+                bodies[item.id] = ScannedBody(where, float(item.shape.volume))
+        return bodies, [each.object.id for each in world.objects if each.state == WorldObject.HELD]
 
     def _on_camera(self, message: CameraInfo) -> None:
         self._camera = message.header.frame_id, camera_of(message)

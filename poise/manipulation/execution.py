@@ -32,6 +32,9 @@ _STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "retur
 _STOP_TIME = 0.4
 """s in which the arm stops; longer when what it holds would slip."""
 
+_OPEN, _THROUGH = 0.5, 0.2
+"""Shares of the squeeze by which the fingers are kept open by what they hold at least, and by nothing at most."""
+
 
 class TransferStep(NamedTuple):
     """One thing to do, then to wait for.
@@ -167,10 +170,20 @@ class TransferExecution:
         robot: takes the commands and the joint states.
         tolerances: how well it has to follow.
         now: s of a clock that never goes back, the one of all calls.
+        holds: the hand holds the object at the beginning, and the fingers must show it.
+
+    Fingers that close through what they hold while the arm moves stop the arm: NOT_HELD. Nothing is
+    checked where they closed as far as they were commanded, as on foam.
     """
 
     def __init__(
-        self, name: str, steps: Sequence[TransferStep], robot: RobotPort, tolerances: Tolerances, now: float
+        self,
+        name: str,
+        steps: Sequence[TransferStep],
+        robot: RobotPort,
+        tolerances: Tolerances,
+        now: float,
+        holds: bool = False,
     ) -> None:
         self._name, self._robot, self._tolerances = name, robot, tolerances
         self._left = [_ready(step) for step in steps]
@@ -180,8 +193,10 @@ class TransferExecution:
         self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
+        self._kept_open = holds  # what is held keeps the fingers from their commanded position
         self.stage, self.done = steps[0].stage, False
         self.grip: bool | None = None  # whether the fingers have closed, or opened, last; None: not moved
+        self.dropped = False
         self.error: PoiseError | None = None
 
     def tick(self, now: float) -> None:
@@ -198,6 +213,7 @@ class TransferExecution:
                 raise problem
             if self._step is None:
                 self._require_start()
+                self._require_held(self._left[0])
                 self._next(now)
             elif self._arrived(self._step, now):
                 self._next(now)
@@ -222,6 +238,15 @@ class TransferExecution:
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the way was planned: stop what moves it"
             )
 
+    def _require_held(self, step: TransferStep) -> None:
+        if step.motion is None or not step.holding:
+            return
+        share = self._robot.fingers.kept_open(self._target(step))
+        self._kept_open = self._kept_open or share > _OPEN
+        if self._kept_open and share < _THROUGH:
+            self.dropped = True
+            raise NoAnswerError(ErrorCode.NOT_HELD, f"the fingers closed: {self._name} is no longer between them")
+
     def _next(self, now: float) -> None:
         self._robot.commanded.ended()
         if self._step is not None and self._step.motion is None:
@@ -244,6 +269,7 @@ class TransferExecution:
     def _arrived(self, step: TransferStep, now: float) -> bool:
         if step.motion is None:
             return self._fingers_arrived(step, now)
+        self._require_held(step)
         return self._arm_arrived(step.name, step.motion)
 
     def _arm_arrived(self, name: str, motion: WaypointTrajectory) -> bool:
@@ -285,6 +311,8 @@ class TransferExecution:
     @property
     def _hand(self) -> str:
         step = self._step
+        if self.dropped:
+            return "its hand is empty"
         if step is None:  # what begins with a motion that holds does hold
             holds = bool(self._left) and self._left[0].motion is not None and self._left[0].holding
             return "it still holds it" if holds else "its hand is empty"

@@ -77,6 +77,16 @@ class FingerWatch:
         """They are at the commanded position."""
         return self.position is not None and abs(self.position - target) <= _NEAR * self._gripper.travel
 
+    def kept_open(self, target: float) -> float:
+        """Share of the squeeze by which what they hold keeps them from the position that grips it, rad or m.
+
+        Infinite when the position is not known, or the squeeze is too small to measure.
+        """
+        squeeze = self._gripper.squeeze / self._gripper.stroke * self._gripper.travel
+        if self.position is None or squeeze < 2 * _STILL * self._gripper.travel:
+            return np.inf
+        return abs(self.position - target) / squeeze
+
     def moved(self, before: float | None) -> bool:
         """They are not where they were before."""
         if self.position is None or before is None:

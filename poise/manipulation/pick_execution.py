@@ -160,6 +160,7 @@ class PickExecution:
             self._released()
         if not playing.done:
             return
+        self.holding = self.holding and not playing.dropped
         if playing.error is not None:
             self._end(playing.error)
         else:

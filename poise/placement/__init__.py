@@ -4,6 +4,7 @@
 - `plan_sequence`: several objects, and the order in which to place them.
 - `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
 - `KeptFree`: a region that must stay empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
+- `Steady`: placements from which the object does not tip easily.
 - `Validator`, `ContactFeatures`: shared by planners: tests of a pose, and features that an object can rest on.
 """
 
@@ -20,6 +21,7 @@ from poise.placement.planner import (
 from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
 from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
 from poise.placement.sequence import PlacementSequence, plan_sequence
+from poise.placement.steadiness import Steady, tipping_rise
 from poise.placement.uncertainty import Uncertainty
 from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, kept_free, require_new
 
@@ -39,6 +41,7 @@ __all__ = [
     "PlacementSequence",
     "PlacementTest",
     "PoseTest",
+    "Steady",
     "Uncertainty",
     "Validator",
     "evaluate",
@@ -47,4 +50,5 @@ __all__ = [
     "plan_placement",
     "plan_sequence",
     "require_new",
+    "tipping_rise",
 ]

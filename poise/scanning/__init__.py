@@ -6,6 +6,7 @@
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
+- `naming`: which objects of a scan are known already.
 - `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly. `cans`: the cylinder that it
   is. `patches`, `faceted`: its planar patches, and the solid of few facets between their planes.
 """
@@ -14,6 +15,7 @@ from poise.scanning.camera import Camera
 from poise.scanning.cloud_files import scan_ply
 from poise.scanning.cloud_frames import columns_of, frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
+from poise.scanning.naming import ScannedBody, names_of
 from poise.scanning.poses import hand_eye_of
 from poise.scanning.reading import (
     MOST_FRAMES,
@@ -41,6 +43,7 @@ __all__ = [
     "Scan",
     "ScanOptions",
     "ScanSession",
+    "ScannedBody",
     "SessionOptions",
     "StandingMesh",
     "Sweep",
@@ -55,6 +58,7 @@ __all__ = [
     "fixed_transforms",
     "frame_of_cloud",
     "hand_eye_of",
+    "names_of",
     "places_of",
     "plan_sweep",
     "read_sweep",

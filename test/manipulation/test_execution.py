@@ -295,6 +295,30 @@ def test_fingers_that_do_not_close_hold_nothing():
     assert "its fingers were closing" in playing.error.message
 
 
+@pytest.mark.parametrize("moment", ["in transport", "before"])
+def test_what_drops_from_the_hand_stops_the_arm(moment):
+    fake = FakeRobot()
+    fake.blocked_at = GRIPPED - 0.05  # 5 mm wider than commanded
+    playing = fake.play(STEPS[:4])
+    fake.until(playing, lambda: len(fake.moves) == 2 and fake.now + 100.0 > fake.moves[1][1] * 1e-9 + 0.3)
+    if moment == "before":  # it drops after weighing, say, before it is placed
+        fake.until(playing)
+        fake.blocked_at = np.inf
+        for _ in range(20):
+            fake.run()
+        on = [TransferStep("lower", motion(BEYOND, HOME), 0.04, True)]
+        playing = TransferExecution("can", on, fake.robot, Tolerances(), fake.now, holds=True)
+    fake.blocked_at = np.inf
+    moved = len(fake.moves)
+    fake.until(playing)
+    assert (playing.error.code, playing.dropped) == (ErrorCode.NOT_HELD, True)
+    assert playing.error.message.endswith("its hand is empty")
+    assert len(fake.moves) == moved + (moment == "in transport")  # its stop; an arm at rest gets none
+    for _ in range(100):
+        fake.run()
+    assert fake.robot.joints.at_rest()
+
+
 def test_a_clock_that_is_set_back_ends_it():
     fake = FakeRobot()
     playing = fake.play()

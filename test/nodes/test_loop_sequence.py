@@ -137,6 +137,22 @@ def test_what_an_interrupted_pick_holds_is_put_down_and_picked_again_before_it_i
     assert done == ["pick", "place", "pick", "weigh", "place"]
 
 
+def test_what_fell_from_the_hand_is_looked_for_at_the_end_and_taken_again():
+    robot = Robot({("place", "object"): [failure(ErrorCode.NOT_HELD)]})
+    record = run(robot)
+    assert record.whole
+    assert robot.calls.count(("scan", "")) == 2
+    assert robot.calls[-4:-1] == [("pick", "object"), ("weigh", "object"), ("place", "object")]
+    assert [(each.name, each.outcome) for each in record.objects][-1] == ("object", "placed")
+
+
+def test_what_fell_and_is_not_found_may_lie_on_the_tray_so_nothing_is_carried():
+    robot = Robot({("place", "object"): [failure(ErrorCode.NOT_HELD)], ("scan", ""): [None, failure(ErrorCode.EMPTY)]})
+    record = run(robot)
+    assert (record.error.code, record.carried) == (ErrorCode.NOT_HELD, None)
+    assert [each.outcome for each in record.objects] == ["lost", "placed", "placed"]
+
+
 def test_a_pick_that_is_interrupted_again_and_again_ends_the_loop():
     robot = Robot({("pick", "object"): 2 * [failure()]}, lifted=["object"])
     record = run(robot)

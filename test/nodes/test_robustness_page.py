@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from poise.nodes import acceleration_limits, place_execution, placement_planner, robustness_server
+from poise.nodes import acceleration_limits, object_carrier, place_execution, placement_planner, robustness_server
 from poise.nodes.arm_node import ARM_NODE_PARAMETERS
-from poise.nodes.parameters import WORDS
+from poise.nodes.parameters import AUTOSTART, WORDS
 
 pytestmark = pytest.mark.ros
 ROOT = Path(__file__).parents[2]
@@ -40,6 +40,7 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
             + place_execution.PLACE_EXECUTION_PARAMETERS
             + ARM_NODE_PARAMETERS,
         ),
+        ("object_carrier", (*object_carrier.OBJECT_CARRIER_PARAMETERS, AUTOSTART)),
     ],
 )
 def test_the_parameter_file_holds_every_default(name, parameters):
