@@ -70,10 +70,11 @@ class Counts:
     def take(self, message: DiagnosticArray) -> None:
         """Remember the newest counts."""
         for status in message.status:
-            wanted = _COUNTS.get(status.name, ())
+            name = status.name.partition(":")[0]
+            wanted = _COUNTS.get(name, ())
             found = {pair.key: int(pair.value) for pair in status.values if pair.key.startswith(wanted)}
             if wanted and found:
-                self.values[status.name] = found
+                self.values[name] = found
 
 
 def soak(minutes: float, domain: int) -> dict[str, Any]:
