@@ -1,35 +1,33 @@
-"""Managed nodes that move an arm; drivers, which do without, start in half the time."""
+"""Managed nodes that move an arm or a base; drivers, which do without, start in half the time."""
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from poise.nodes.lifecycle import ManagedNode
-from poise.nodes.parameters import AUTOSTART, declare_parameters
+from poise.nodes.parameters import AUTOSTART, Parameter, declare_parameters
 from poise.nodes.watchdog import WATCHDOG_DYNAMIC, WATCHDOG_PARAMETERS, ProcessWatchdog
 
 ARM_NODE_PARAMETERS = (AUTOSTART, *WATCHDOG_PARAMETERS)
 
 
-class ArmNode(ManagedNode):
-    """A node whose action moves an arm: it takes goals while it is active; its other functions always work.
+class MovingNode(ManagedNode):
+    """A node whose action moves the robot: it takes goals while it is active; its other functions always work.
 
     A subclass sets `watchdog`, which serves the action, and calls `start` when it is complete.
 
     Args:
         name: of the node.
-        arm: its motions are those of an arm, which the watchdog stops; not those of a base.
     """
 
     watchdog: ProcessWatchdog
+    motion_parameters: tuple[Parameter, ...] = (AUTOSTART,)
+    """Declared before those of the subclass."""
 
-    def __init__(self, name: str, arm: bool = True) -> None:
+    def __init__(self, name: str) -> None:
         super().__init__(name)
-        if arm:
-            declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)
-        else:
-            declare_parameters(self, (AUTOSTART,))
+        declare_parameters(self, self.motion_parameters, WATCHDOG_DYNAMIC)
 
     def halt(self, reason: str) -> None:
-        """Stop the arm and end the goal."""
+        """Stop the motion and end the goal."""
         raise NotImplementedError
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -48,7 +46,7 @@ class ArmNode(ManagedNode):
         return super().on_shutdown(state)
 
     def destroy_node(self) -> None:
-        """End the watchdog, which stops the arm, before the node goes."""
+        """End the watchdog, which stops the motion, before the node goes."""
         if hasattr(self, "watchdog"):
             self.watchdog.close()
         super().destroy_node()
@@ -56,3 +54,9 @@ class ArmNode(ManagedNode):
     def _close(self, reason: str) -> None:
         self.watchdog.open(False)
         self.halt(reason)
+
+
+class ArmNode(MovingNode):
+    """A node whose action moves an arm, which the watchdog stops; args: as `MovingNode`."""
+
+    motion_parameters = ARM_NODE_PARAMETERS

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.manipulation import BaseExecution, BaseLimits, BaseTolerances, plan_base_motion
-from poise.nodes.arm_node import ArmNode
+from poise.nodes.arm_node import MovingNode
 from poise.nodes.assembly_message import pose_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
@@ -41,14 +41,14 @@ OBJECT_CARRIER_PARAMETERS = (
 )
 
 
-class ObjectCarrier(ArmNode):
+class ObjectCarrier(MovingNode):
     """Serves `carry_object` (poise_msgs/CarryObject), one goal at a time; publishes cmd_vel while it moves.
 
     Subscribes to acceleration_limits and assembly (latched), odom, tf and tf_static.
     """
 
     def __init__(self) -> None:
-        super().__init__("object_carrier", arm=False)
+        super().__init__("object_carrier")
         self._values = values = declare_parameters(self, OBJECT_CARRIER_PARAMETERS)
         self._limits: AccelerationLimits | None = None
         self._assembly_stamp, self._assembly_heard = 0, 0.0

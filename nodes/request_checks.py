@@ -4,10 +4,8 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from poise.errors import ErrorCode, InputError
-from poise.ranges import check_covariance, check_range
+from poise.ranges import check_covariance, check_range, directions_of, vectors
 from poise.robot import RobotModel
 from poise_msgs.srv import SetAssembly
 
@@ -108,13 +106,9 @@ def _check_shape(message: Any, where: str) -> None:
 
 
 def _check_pushes(pushes: Iterable[Any]) -> None:
-    rows = [(_xyz(push.point), _xyz(push.direction)) for push in pushes]
-    if not rows:
-        return
-    numbers = np.array(rows)
-    check_range("point", numbers[:, 0], "pushes: ")
-    with np.errstate(over="ignore"):
-        check_range("length of direction", np.linalg.norm(numbers[:, 1], axis=1), "pushes: ")
+    rows = list(pushes)
+    vectors("point", [_xyz(push.point) for push in rows], where="pushes: ")
+    directions_of([_xyz(push.direction) for push in rows], "pushes: ")
 
 
 def _check_count(name: str, count: int, most: int) -> None:

@@ -134,10 +134,10 @@ def place(
         InputError: FILE_UNREADABLE, OBJECT_INVALID, INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, NO_PLACEMENT, DEADLINE.
     """
-    if not isinstance(item, RigidObject | Mapping):
-        raise InputError(ErrorCode.BAD_INPUT, f"item is {item!r:.80}: give a RigidObject, or its entry of a scene file")
     if isinstance(item, Mapping):
         item = read_object({"id": "placed", **item}, Path(), "item")
+    elif not isinstance(item, RigidObject):
+        raise InputError(ErrorCode.BAD_INPUT, f"item is {item!r:.80}: give a RigidObject, or its entry of a scene file")
     return plan_placement(_analysis(scene), item, options or Options(), seed)
 
 

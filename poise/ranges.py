@@ -60,11 +60,7 @@ def check_range(name: str, values: Any, where: str = "", **data: Any) -> None:
     least, greatest, unit, code, not_finite = RANGES[name]
     if isinstance(values, float | int) and least <= values <= greatest:
         return
-    try:
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        what = f"{where}{name}: expected a number, found {values!r:.80}"
-        raise InputError(ErrorCode.BAD_INPUT, what, **data) from error
+    numbers = _numbers(values, f"{where}{name}: expected a number", **data)
     outside = ~((numbers >= least) & (numbers <= greatest))
     if not outside.any():
         return
@@ -84,12 +80,7 @@ def vectors(name: str, values: Any, width: int = 3, where: str = "") -> Array:
     Raises:
         InputError: BAD_INPUT when they are no such vectors; as `check_range`.
     """
-    try:
-        found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"{where}{name}: expected {width} numbers each, found {values!r:.80}"
-        ) from error
+    found = _numbers(values, f"{where}{name}: expected {width} numbers each")
     if found.shape == (0,):
         return found.reshape(0, width)
     if found.ndim != 2 or found.shape[1] != width:
@@ -98,6 +89,24 @@ def vectors(name: str, values: Any, width: int = 3, where: str = "") -> Array:
         )
     check_range(name, found, where)
     return found
+
+
+def directions_of(values: Any, where: str = "") -> Array:
+    """(N, 3) directions, each of a length in its range.
+
+    Raises:
+        InputError: as `vectors`.
+    """
+    found = vectors("direction", values, where=where)
+    check_range("length of direction", np.linalg.norm(found, axis=1), where)
+    return found
+
+
+def _numbers(values: Any, expected: str, **data: Any) -> Array:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(ErrorCode.BAD_INPUT, f"{expected}, found {values!r:.80}", **data) from error
 
 
 def check_covariance(values: Sequence[float] | Array, where: str = "") -> None:

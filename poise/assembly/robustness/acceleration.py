@@ -12,7 +12,7 @@ from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
-from poise.ranges import check_range, vectors
+from poise.ranges import directions_of, vectors
 from poise.types import Array, Mask
 
 _FASTEST = 1000.0
@@ -138,10 +138,9 @@ def _directions(directions: int | Array) -> Array:
             raise InputError(ErrorCode.BAD_INPUT, f"directions: {directions}, expected 1 to 100000")
         azimuth = 2 * np.pi * np.arange(directions) / directions
         return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(directions)], axis=1)
-    given = vectors("direction", directions, where="directions: ")
+    given = directions_of(directions, "directions: ")
     if not len(given):
         raise InputError(ErrorCode.BAD_INPUT, "directions: none is given")
-    check_range("length of direction", np.linalg.norm(given, axis=1))
     return unit(given)
 
 

@@ -11,7 +11,7 @@ from poise.assembly.contact import distance_to_triangles
 from poise.assembly.scene import Assembly, Box, Cylinder, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
-from poise.ranges import check_range, vectors
+from poise.ranges import directions_of, vectors
 from poise.types import Array
 
 
@@ -61,9 +61,8 @@ def loads_of(assembly: Assembly, pushes: Sequence[Push | Sequence[Push]], tolera
     question = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     place = np.array([assembly.place_of(push.object) for push in flat], dtype=np.int64)
     points = vectors("point", [push.point for push in flat], where="pushes: ")
-    directions = vectors("direction", [push.direction for push in flat], where="pushes: ")
+    directions = directions_of([push.direction for push in flat], "pushes: ")
     lengths = np.linalg.norm(directions, axis=1)
-    check_range("length of direction", lengths, "pushes: ")
     for index in np.unique(place):
         rows = np.flatnonzero(place == index)
         _check_on_surface(assembly.objects[index], points[rows], rows, tolerance)

@@ -50,12 +50,11 @@ class HeldPoses:
     def of(cls, samples: FitSamples) -> "HeldPoses":
         """Group samples at rest by the attitude in which they were taken."""
         down = samples.gravity_in_sensor / max(float(np.linalg.norm(samples.gravity)), 1e-9)
-        keys, first = np.zeros(len(down)), 0
-        for index in range(1, len(down)):
-            turned = np.linalg.norm(down[index] - down[first]) > _TURNED
-            keys[index] = keys[index - 1] + turned
-            first = index if turned else first
-        means = samples.averaged(keys)
+        begins, first = np.zeros(len(down)), 0
+        while len(turned := np.flatnonzero(np.linalg.norm(down[first:] - down[first : first + 1], axis=1) > _TURNED)):
+            first += int(turned[0])
+            begins[first] = 1.0
+        means = samples.averaged(np.cumsum(begins))
         return cls(samples, means.counts, signal_columns(means.signals), means.wrench)
 
     def widened(self, solution: InertialSolution) -> InertialSolution:
