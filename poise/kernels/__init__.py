@@ -5,7 +5,7 @@ where the library is not installed (no compiler was there) or belongs to another
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
 - `averaging`: hypotheses about a payload. `bounds`: least squares with bounds. `chain`: forward kinematics.
-- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters, a pendulum, a part between stops.
+- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and moving parts.
 - `robust`: least squares that weigh outliers less. `smoothing`: splines.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """

@@ -37,7 +37,7 @@ _WIDTHS, _EDGE = {"gap": 0.05, "settling": 0.2, "axis_a": 0.015, "axis_b": 0.015
 _STRIDE = 0.05
 """s between the samples that show where the part rests."""
 _FEWEST = 2
-"""Knocks that a start from knocks needs."""
+"""Knocks on the other stop that a part needs, and knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
@@ -120,7 +120,12 @@ class LoosePart(Effect):
         return between_stops(recorded.seconds, push, values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+        reason = super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+        if reason:
+            return reason
+        slid = self._slid(recorded, values)[0]
+        stops = np.sign(slid[np.abs(slid) > 0.5 * values["gap"]])
+        return "" if np.count_nonzero(np.diff(stops)) >= _FEWEST else "it would hardly leave its stop"
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dtbtrs
 
-from poise.geometry import cross
 from poise import kernels
+from poise.geometry import cross
 from poise.kernels import COMPILED, pendulum
 from poise.mismatch.recorded import hermite
 from poise.types import Array

@@ -181,7 +181,9 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
     judged = settled if problem.judged is None else settled & problem.judged
     calm, *others = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
     again = [_proof(problem, length, calm, shorter) for shorter in others]
-    return [max(pair, key=lambda proof: (proof.improved_blocks, proof.gain)) for pair in zip(proofs, again, strict=True)]
+    return [
+        max(pair, key=lambda proof: (proof.improved_blocks, proof.gain)) for pair in zip(proofs, again, strict=True)
+    ]
 
 
 def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
@@ -237,7 +239,7 @@ def elsewhere(left: Array, energy: Array, share: Array) -> float:
 def _parts(share: Array, count: int) -> NDArray[np.intp]:
     """(N,) number of the part of each sample: consecutive parts with equal sums of `share` (N,)."""
     sums = np.cumsum(share)
-    return np.minimum((sums / sums[-1] * count * (1.0 - 1e-9)).astype(np.intp), count - 1)
+    return np.asarray(np.minimum((sums / sums[-1] * count * (1.0 - 1e-9)).astype(np.intp), count - 1), dtype=np.intp)
 
 
 def _predicted(found: HypothesisFit, fold: NDArray[np.intp]) -> Array:
