@@ -55,6 +55,23 @@ def test_the_correlation_of_errors_is_found_in_what_a_fit_leaves(correlation: fl
     assert np.mean(found) == pytest.approx(correlation, abs=0.08)
 
 
+def test_noise_below_the_notable_and_heavy_tails_count_with_their_mean_square():
+    rng = np.random.default_rng(81)
+    phi = composite(rng).phi
+    phi *= 0.5 / phi[0]
+    stated = NoiseLevels(linear_acceleration=1e-3, angular_acceleration=1e-3, force_bias=0.5, torque_bias=0.02)
+    clean = without_shape(measured(rng, phi, samples=600, speed=0.5, noise=stated))
+    for noise in (1.06 * rng.normal(size=(600, 6)), rng.standard_t(3, size=(600, 6)).clip(-3, 3)):
+        problem = replace(clean, wrench=clean.regressor @ phi + stated.wrench * noise)
+        estimator = PoiseEstimator(None, stated)
+        estimator.add_problem(problem)
+        solution = estimator.solve()
+        used = np.sqrt(estimator._search._sample) * [stated.force, stated.torque]
+        left = np.array([solution.residual_force, solution.residual_torque])
+        assert (used > 1.02 * stated.wrench[[0, 3]]).all()
+        np.testing.assert_allclose(used, left, rtol=0.04)
+
+
 def test_a_hypothesis_that_was_dropped_comes_back_with_the_delay_of_the_others():
     rng = np.random.default_rng(11)
     phi = composite(rng).phi

@@ -18,7 +18,7 @@ from poise.inertia.bayes.lasting import (
     neighbour_correlation,
     variance_of_sum,
 )
-from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
+from poise.inertia.bayes.outliers import UNLIKELY, mean_excess, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
     N_MOTION,
     NoiseLevels,
@@ -43,7 +43,10 @@ STILL = 0.3
 """Standard deviations; what moves less from round to round has arrived."""
 
 _SAME_NOISE = 0.1
-"""Relative change of a variance that does not matter."""
+"""Relative change of a variance that does not matter while the search goes on."""
+
+_SAME_RESIDUAL = 0.02
+"""The same at the end: intervals are then 1 % too narrow."""
 
 _MOST_REJECTED = 0.2
 """Share of the samples with which a bias is still that of the sensor; a press and an arm that is shaken give it."""
@@ -107,6 +110,7 @@ class PosteriorSearch:
         else:  # with the noise that the last judgement found
             self.posterior = self._solve(self._normals(), _FINE)
             self._compare()
+        self._allow_for_residuals()
         self.posterior = self.average.with_curvature()
         return self
 
@@ -247,6 +251,17 @@ class PosteriorSearch:
             self.blocks.mixed(self._at_delay), self.blocks.sizes, unknowns, self._residual_covariance
         )
 
+    def _allow_for_residuals(self) -> None:
+        """Solve once more with the noise that the kept samples have, where that is more than assumed.
+
+        The blocks are not judged again: with more noise, more of a contact would pass for it.
+        """
+        shown = mean_excess(self.found, self.blocks.sizes, self.keep)
+        if _differ(shown, np.ones(2), _SAME_RESIDUAL):
+            self._sample = self._sample * shown
+            self.posterior = self._solve(self._normals(), _FINE)
+            self._compare()
+
     def _judge(self) -> bool:
         """Judge blocks and noise by the answer; whether that changes anything."""
         self._compare()
@@ -267,5 +282,5 @@ class PosteriorSearch:
         return other_blocks or other_noise
 
 
-def _differ(one: Array, other: Array) -> bool:
-    return bool(np.abs(one / other - 1).max() > _SAME_NOISE)
+def _differ(one: Array, other: Array, notable: float = _SAME_NOISE) -> bool:
+    return bool(np.abs(one / other - 1).max() > notable)
