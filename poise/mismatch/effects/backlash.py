@@ -33,7 +33,7 @@ class Backlash(Effect):
     name = "backlash"
     layer = "friction"
     signal = "effort"
-    equation = "dtau = M_.j e'' + (dtau/dq_j) e; e'' = -tau_j / M_jj while |e| < gap / 2, at rest on a flank otherwise"
+    equation = "dtau = M_.j e'' + (dtau/dq_j) e; e'' = -tau_j / M_jj while |e| < gap / 2; flanks push as damped springs"
     source = "dead zone with impacts (Nordin and Gutman 2002, section 2); M: joint-space inertia"
     excited_by = "a joint whose torque changes sign: a vertical axis that speeds up and slows down, a balanced wrist"
     separating_motion = "small strokes of the joint to and fro without load: the torque vanishes, then knocks"

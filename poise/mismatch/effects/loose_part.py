@@ -40,6 +40,8 @@ _FEWEST = 2
 """Knocks on the other stop that a part needs, and knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
+_FEEBLE = 0.003
+"""Share of the square of the residual that a start must explain to be improved."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
 """m and s that are tried."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
@@ -50,19 +52,20 @@ _GIVES, _BESIDE = 0.01, 3.0
 
 
 class LoosePart(Effect):
-    """A mass that slides freely along an axis of the tool within a gap, and does not rebound.
+    """A mass that slides freely along an axis of the tool between two stops.
 
-    Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop absorbs
-    the knock as a critically damped spring. (With friction the part would start a little later.)
+    Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop pushes as
+    a critically damped spring and does not pull. (With friction the part would start a little later.)
     """
 
     name = "loose_part"
     layer = "load"
     fast = True
     equation = (
-        "z'' = n.(g - a_p) while |z| < gap / 2, at rest against a stop otherwise; part at p + n z instead of at p"
+        "z'' = n.(g - a_p) while |z| < gap / 2; in a stop at depth d also -max(2 d' / T + d / T^2, 0) outwards; part "
+        "at p + n z instead of at p"
     )
-    source = "impact pair (Brach 1991, Mechanical Impact Dynamics, chapter 2) with restitution zero"
+    source = "impact pair (Brach 1991, Mechanical Impact Dynamics, chapter 2) with Kelvin and Voigt's stops"
     excited_by = "tilting the axis through the level, and accelerating along it"
     separating_motion = "tilt slowly to and fro about the level: knocks come at the same tilt every time"
     confused_with = ("slosh", "flexible_mode", "contact", "payload_parameters")
@@ -97,7 +100,7 @@ class LoosePart(Effect):
         # The gap that the knocks say is wrong where some were not heard.
         tried = ({**start, "gap": gap} for start in found for gap in (start["gap"], *_GAPS))
         best = max(tried, key=drop, default=None)
-        if best is not None and drop(best) > _HEARD:
+        if best is not None and drop(best) > max(_HEARD, _FEEBLE * float(np.sum((wanted * weight) ** 2))):
             yield self._sharpened(recorded, best, bent, weight)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

@@ -31,13 +31,24 @@ def place_of(values: Mapping[str, float]) -> Array:
 
 def specific_at(recorded: RecordedMotion, place: Array) -> Array:
     """(N, 3) m/s2, gravity minus acceleration of a point of the tool, sensor axes."""
-    return recorded.specific - lever_acceleration(recorded, np.broadcast_to(place, (len(recorded), 3)))
+    return np.asarray(recorded.specific - lever_rates(recorded) @ place)
 
 
-def lever_acceleration(recorded: RecordedMotion, lever: Array) -> Array:
-    """(N, 3) acceleration of points at (N, 3) against the sensor's origin: alpha x r + omega x (omega x r)."""
-    turning = cross(recorded.angular_velocity, cross(recorded.angular_velocity, lever))
-    return np.asarray(cross(recorded.angular_acceleration, lever) + turning)
+def skew(vectors: Array) -> Array:
+    """(..., 3, 3) the matrix of the cross product v x . of vectors (..., 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    none = np.zeros_like(x)
+    return np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), (0, 1), (-2, -1))
+
+
+def lever_rates(recorded: RecordedMotion) -> Array:
+    """(N, 3, 3) 1/s2: acceleration of a point against the sensor's origin by its place: alpha x . + omega x (omega x .)."""
+
+    def made() -> Array:
+        turning = skew(recorded.angular_velocity)
+        return np.ascontiguousarray(skew(recorded.angular_acceleration) + turning @ turning)
+
+    return recorded.once("lever rates", made)
 
 
 def point_wrench(recorded: RecordedMotion, place: Array) -> Array:
@@ -56,10 +67,10 @@ def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tu
         slid: (N,) each: how far along the axis, m, its rate and second rate.
     """
     along, rate, second = (part[:, None] for part in slid)
-    beyond = (
-        axis * second + 2.0 * rate * cross(recorded.angular_velocity, axis) + lever_acceleration(recorded, along * axis)
-    )
-    torque = cross(along * axis, specific_at(recorded, place) - beyond) - cross(place, beyond)
+    about = skew(axis)
+    swept = along * (lever_rates(recorded) @ axis) + (2.0 * rate) * (recorded.angular_velocity @ about)
+    beyond = axis * second + swept
+    torque = (along * (specific_at(recorded, place) - beyond)) @ about.T - beyond @ skew(place).T
     return np.concatenate([-beyond, torque], axis=1)
 
 

@@ -24,8 +24,8 @@ similar effect with more parameters fits the remaining details."""
 _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
 _STEPS = 4
-_MOST = 0.5
-"""Share of the smoothing that a delay leaves, below which it explains most of it."""
+_MOST, _SMOOTHED = 0.5, 0.15
+"""Share of the smoothing that a delay leaves, below which it explains most of it; least smoothing that shows."""
 
 
 def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[str, EffectCandidate], ...]:
@@ -72,10 +72,15 @@ def _delays(
     out = {}
     for name, each in delays.items():
         # A filter is named where it explains most of the smoothing, and a delay where as much is left with a filter.
-        less = (left[name] < _MOST * left[own.effect.name]) - float(left[own.effect.name] < _MOST * left[name])
+        less = _explains(left[name], left[own.effect.name]) - _explains(left[own.effect.name], left[name])
         gain = own.gain + fits[name].log_evidence - here.log_evidence + 2.0 * EQUAL_EVIDENCE * less
         out[name] = replace(each, gain=gain)
     return out
+
+
+def _explains(left: float, other: float) -> int:
+    """1 for a delay that leaves little of the smoothing that another one leaves, else 0."""
+    return int(other > _SMOOTHED and left < _MOST * other)
 
 
 def _smoothing(problem: Problem, found: HypothesisFit) -> float:
