@@ -69,3 +69,103 @@ POISE_EXPORT void poise_pendulum(int64_t n, const double *start, const double *d
     x = fx - held * x, y = fy - held * y, z = fz - held * z;
   }
 }
+
+/* Steps in a time in which a part stays at a stop, at the most. */
+static const double MOST_STEPS = 1e4;
+enum { HALVINGS = 24 }; /* of the time in which a contact ends */
+
+/* Place and speed of a part along its axis. */
+typedef struct {
+  double x, v;
+} part;
+
+/* The part after a free flight of t seconds under a push that begins with `push` and grows by `rate`. */
+static part flown(part at, double push, double rate, double t) {
+  const part out = {at.x + t * (at.v + t * (push / 2.0 + rate * t / 6.0)), at.v + t * (push + rate * t / 2.0)};
+  return out;
+}
+
+/* When a flight that ends beyond a stop at `side` times `half` meets it: by bisection, then Newton's method. */
+static double met(part at, double push, double rate, double span, double side, double half) {
+  double early = 0.0, late = span;
+  for (int step = 0; step < 6; step++) {
+    const double middle = (early + late) / 2.0;
+    if (side * flown(at, push, rate, middle).x > half) late = middle;
+    else early = middle;
+  }
+  for (int step = 0; step < 3; step++) {
+    const part there = flown(at, push, rate, late);
+    if (side * there.v <= 0.0) break;
+    late -= (side * there.x - half) / (side * there.v);
+    late = late < 0.0 ? 0.0 : late > span ? span : late;
+  }
+  return late;
+}
+
+/* The part after t seconds at the stop at `side` times `half`: a critically damped spring, exact. */
+static part held(part at, double push, double rate, double t, double side, double half, double settling) {
+  const double lag = settling * settling * rate, fade = exp(-t / settling);
+  const double rest = side * half + settling * settling * push - 2.0 * settling * lag;
+  const double away = at.x - rest, slope = at.v - lag + away / settling;
+  const part out = {rest + lag * t + (away + slope * t) * fade, lag + (at.v - lag - slope * t / settling) * fade};
+  return out;
+}
+
+/* The force of the stop at `side` times `half`, in units of 1 / settling; it pushes where it is positive. */
+static double pushed(part at, double side, double half, double settling) {
+  return (side * at.x - half) / settling + 2.0 * side * at.v;
+}
+
+/* The part after `span` seconds under a push that grows from `push` to `end`, between stops at plus and minus `half`. */
+static part advanced(part at, double push, double end, double span, double half, double settling) {
+  const double rate = (end - push) / span, step = fmax(settling / 2.0, span / MOST_STEPS);
+  for (double left = span; left > 0.0;) {
+    const double side = at.x > 0.0 ? 1.0 : -1.0;
+    double t = left < step ? left : step;
+    if (side * at.x < half) {
+      const part there = flown(at, push, rate, left);
+      if (fabs(there.x) <= half) return there;
+      const double stop = there.x > 0.0 ? 1.0 : -1.0;
+      t = met(at, push, rate, left, stop, half);
+      at = flown(at, push, rate, t), at.x = stop * half;
+    } else {
+      const int touches = pushed(at, side, half, settling) > 0.0;
+      double early = 0.0;
+      for (int halving = 0; halving <= HALVINGS; halving++) { /* until the contact ends, or begins again */
+        const double middle = halving ? (early + t) / 2.0 : t;
+        const part there =
+            touches ? held(at, push, rate, middle, side, half, settling) : flown(at, push, rate, middle);
+        const int changed = side * there.x > half && (pushed(there, side, half, settling) > 0.0) != touches;
+        if (changed) t = middle;
+        else if (halving) early = middle;
+        else break;
+      }
+      at = touches ? held(at, push, rate, t, side, half, settling) : flown(at, push, rate, t);
+    }
+    push += rate * t, left -= t;
+  }
+  return at;
+}
+
+/* Position, velocity and acceleration (3, n) of a part between two stops, `gap` apart, under a push (n,). It begins at
+   rest. The acceleration is averaged over `blur` on either side of a stamp. */
+POISE_EXPORT void poise_between_stops(int64_t n, const double *seconds, const double *push, double gap, double settling,
+                                      double blur, double *motion) {
+  const double half = gap / 2.0;
+  part at = {(push[0] >= 0.0 ? half : -half) + push[0] * settling * settling, 0.0};
+  double since = 0.0, before = 0.0;
+  for (int64_t i = 0; i < n; i++) {
+    motion[i] = at.x, motion[n + i] = at.v;
+    if (i == n - 1) {
+      motion[2 * n + i] = since > 0.0 ? (at.v - before) / since : 0.0;
+      return;
+    }
+    const double span = seconds[i + 1] - seconds[i], near = span < 2.0 * blur ? span / 2.0 : blur;
+    const double rate = (push[i + 1] - push[i]) / span, first = push[i] + rate * near, last = push[i + 1] - rate * near;
+    at = advanced(at, push[i], first, near, half, settling);
+    motion[2 * n + i] = (at.v - before) / (since + near);
+    if (span > 2.0 * near) at = advanced(at, first, last, span - 2.0 * near, half, settling);
+    before = at.v, since = near;
+    at = advanced(at, last, push[i + 1], near, half, settling);
+  }
+}

@@ -5,7 +5,7 @@ where the library is not installed (no compiler was there) or belongs to another
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
 - `averaging`: hypotheses about a payload. `bounds`: least squares with bounds. `chain`: forward kinematics.
-- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and a pendulum.
+- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and moving parts.
 - `robust`: least squares that weigh outliers less. `smoothing`: splines.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
     from poise.kernels.records import find_records
-    from poise.kernels.recursions import innovation_squares, innovations, pendulum
+    from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
     from poise.kernels.smoothing import CompiledSplines
 
@@ -36,6 +36,7 @@ __all__ = [
     "Chain",
     "CompiledHypotheses",
     "CompiledSplines",
+    "between_stops",
     "bias_taken_out",
     "bounded_minimum",
     "chain_motion",
@@ -61,6 +62,7 @@ _FILES = {
     "chain_motion": "chain",
     "clock_sums": "clocks",
     "find_records": "records",
+    "between_stops": "recursions",
     "innovation_squares": "recursions",
     "innovations": "recursions",
     "pendulum": "recursions",

@@ -32,6 +32,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_innovations": (None, [_INT, _INT, _INT, _POINTER, ctypes.c_double, *[_POINTER] * 4]),
     "poise_innovation_squares": (None, [_INT, _INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
+    "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
     "poise_log_likelihood": (_INT, [_INT, *[_POINTER] * 7]),
 }
 

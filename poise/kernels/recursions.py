@@ -1,4 +1,4 @@
-"""Recursions from sample to sample: innovations of coloured noise, and a pendulum."""
+"""Recursions from sample to sample: innovations of coloured noise, a pendulum, and a part between stops."""
 
 import numpy as np
 
@@ -70,3 +70,20 @@ def pendulum(start: Array, drive: Array, turn: Array, half: float) -> Array:
     places = np.empty(push.shape)
     library.poise_pendulum(len(push), address(begin), address(push), address(turned), half, address(places))
     return places
+
+
+def between_stops(seconds: Array, push: Array, gap: float, settling: float, blur: float) -> Array:
+    """(3, N) position, velocity and acceleration of a part between two stops; needs `COMPILED`.
+
+    Args:
+        seconds, push, gap, settling: see `poise.mismatch.effects.part_motion.between_stops`.
+        blur: s on either side over which the acceleration is averaged.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes.
+    """
+    stamps = contiguous(seconds, -1, what="stamps")
+    pushes = contiguous(push, len(stamps), what="pushes")
+    motion = np.empty((3, len(stamps)))
+    library.poise_between_stops(len(stamps), address(stamps), address(pushes), gap, settling, blur, address(motion))
+    return motion

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from poise.errors import InputError
-from poise.kernels import bounded_minimum, innovation_squares, innovations, pendulum
+from poise.kernels import between_stops, bounded_minimum, innovation_squares, innovations, pendulum
 from poise.mismatch.effects import part_motion
 from poise.mismatch.inference import box, noise
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
@@ -88,3 +88,19 @@ def test_interpolation_is_that_of_scipy(samples: int, rng: np.random.Generator) 
     wanted = rng.uniform(seconds[0] - 0.1, seconds[-1] + 0.1, N)
     expected = make_interp_spline(seconds, values, k=3)(np.clip(wanted, seconds[0], seconds[-1]))
     np.testing.assert_allclose(at_times(seconds, values, wanted), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("settling", [6e-4, 0.008, 0.09])
+def test_a_part_between_stops_moves_as_in_python(
+    settling: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = np.cumsum(rng.uniform(5e-4, 0.015, 1500))  # steps shorter and longer than the average of accelerations
+    push = 3.0 * np.sin(4.0 * seconds) + rng.normal(0.3, 0.2, len(seconds))
+    found = []
+    for compiled in (True, False):
+        monkeypatch.setattr(part_motion, "COMPILED", compiled)
+        found.append(part_motion.between_stops(seconds, push, 0.012, settling))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.abs(other).max())
+    with pytest.raises(InputError):
+        between_stops(seconds, push[:-1], 0.012, settling, 1e-3)

@@ -8,11 +8,14 @@ import pinocchio as pin
 import pytest
 from cases import ROBOT, _payload, _trajectory
 from field_robots import ARM
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import STANDARD_GRAVITY
+from poise.mismatch import diagnose
 from poise.mismatch.effects import GAIN_LEVER, effect_named
+from poise.mismatch.effects.part_motion import crept
 from poise.mismatch.inference import FittedEffect, Problem, SignalNoise, fit, linearization_point, payload_steps, refine
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.calibration import CALIBRATION_BOUND, effort_calibration, effort_sizes
@@ -251,3 +254,21 @@ def test_inside_the_bounds_there_is_no_penalty() -> None:
         squares.append(regression.square)
     assert squares[1] - squares[0] < 0.05
     assert squares[2] - squares[0] == pytest.approx(0.25 * float(columns.sum(axis=0) @ columns.sum(axis=0)), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("late", "constant", "expected"), [(0.014, 0.0, "clock_offset"), (0.0, 0.03, "low_pass")], ids=["late", "filtered"]
+)
+def test_smoothing_beside_a_late_clock_is_no_filter(late: float, constant: float, expected: str) -> None:
+    """A driver that smooths all signals without delay; the smoothing in the calibration is as late as the wrench."""
+    recorded, rng = motion(), np.random.default_rng(4)
+    wrench = recorded.prediction
+    if constant:
+        wrench = crept(recorded.seconds, wrench, constant)
+    else:
+        wrench = gaussian_filter1d(wrench, 0.045 / recorded.period, axis=0, mode="nearest")
+        wrench = at_times(recorded.seconds, wrench, recorded.seconds - late)
+    about = replace(recorded, wrench=wrench + SIGMA * rng.normal(size=wrench.shape))
+    library = [effect_named(name) for name in ("clock_offset", "low_pass")]
+    found = diagnose(about, NominalModel(phi=recorded.phi), library=[each for each in library if each is not None])
+    assert [each.effect.name for each in found.findings] == [expected]

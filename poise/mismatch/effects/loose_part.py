@@ -29,21 +29,24 @@ from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-_BLURS, _SCREENED = (15, 5, 2), 5
-"""Samples over which differences are averaged: in a search, and in the choice of its start."""
+_STAGES, _SCREENED = ((15, 10, 1.0), (5, 18, 0.6), (2, 14, 0.3)), 5
+"""Stages of a search: samples over which differences are averaged, generations, and share of the widths about the
+result of the stage before. Samples that are averaged in the choice of its start."""
+_WIDTHS, _EDGE = {"gap": 0.05, "settling": 0.2, "axis_a": 0.015, "axis_b": 0.015, "x": 0.05}, 2e-3
+"""Half-widths of the search in the places of values in their priors, and the least distance from the ends."""
 _STRIDE = 0.05
 """s between the samples that show where the part rests."""
 _FEWEST = 2
-"""Knocks that a start from knocks needs."""
+"""Knocks on the other stop that a part needs, and knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
-_GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
-"""m and s that are tried in this case."""
+_GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
+"""m and s that are tried."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s: accuracy of axis, place and time from knocks alone."""
 
 _GIVES, _BESIDE = 0.01, 3.0
-"""Share of half the gap by which a stop gives way in a knock; samples beside it whose prediction it upsets."""
+"""Share of the gap by which a stop gives way while it settles; samples beside it whose prediction it upsets."""
 
 
 class LoosePart(Effect):
@@ -87,9 +90,15 @@ class LoosePart(Effect):
         found = self._from_rest(recorded, bent, weight)
         if readings and len(readings[0].moments) >= _FEWEST:
             found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
-        drops = [self._drop(recorded, values, bent, weight, _SCREENED) for values in found]
-        if found and max(drops) > _HEARD:
-            yield self._sharpened(recorded, found[int(np.argmax(drops))], bent, weight)
+
+        def drop(values: Values) -> float:
+            return self._drop(recorded, values, bent, weight, _SCREENED)
+
+        # The gap that the knocks say is wrong where some were not heard.
+        tried = ({**start, "gap": gap} for start in found for gap in (start["gap"], *_GAPS))
+        best = max(tried, key=drop, default=None)
+        if best is not None and drop(best) > _HEARD:
+            yield self._sharpened(recorded, best, bent, weight)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         slid = self._slid(recorded, nonlinear)
@@ -97,7 +106,11 @@ class LoosePart(Effect):
 
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """The knocks: while a stop gives way."""
-        gives = np.abs(self._slid(recorded, values)[0]) > 0.5 * (1.0 + _GIVES) * values["gap"]
+        slid, speed, _ = self._slid(recorded, values)
+        beyond = np.abs(slid) - 0.5 * values["gap"]
+        held = np.abs(specific_at(recorded, place_of(values)) @ direction(values)) * values["settling"] ** 2
+        moves = np.abs(beyond - held) + np.abs(speed) * values["settling"]
+        gives = (beyond > 0.0) & (moves > _GIVES * values["gap"])
         return tuple(spans(recorded.seconds, gives, _BESIDE * recorded.period))
 
     @staticmethod
@@ -107,7 +120,12 @@ class LoosePart(Effect):
         return between_stops(recorded.seconds, push, values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+        reason = super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+        if reason:
+            return reason
+        slid = self._slid(recorded, values)[0]
+        stops = np.sign(slid[np.abs(slid) > 0.5 * values["gap"]])
+        return "" if np.count_nonzero(np.diff(stops)) >= _FEWEST else "it would hardly leave its stop"
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)
@@ -167,26 +185,37 @@ class LoosePart(Effect):
             axis = max((axis, *_around(axis, reach)), key=explained)
         if explained(axis) < _HEARD:
             return []
-        tried = [_values(gap, _SETTLING, axis, centre) for gap in _GAPS]
-        return [max(tried, key=lambda values: self._drop(recorded, values, wanted, weight, _BLURS[0]))]
+        return [_values(_GAPS[0], _SETTLING, axis, centre)]
 
     def _sharpened(
         self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
     ) -> dict[str, float]:
-        """Least squares from coarse to fine blur: a knock that is a sample too late explains nothing."""
+        """Differential evolution about a start, from coarse to fine blur.
+
+        A knock that is a sample too late explains nothing, so that the square has a valley for each knock.
+        """
         moving = [p for p in self.parameters(recorded) if not p.linear]
-        found = start
-        for blur in _BLURS:
+        width = np.array([_WIDTHS.get(p.name, _WIDTHS["x"]) for p in moving])
 
-            def left(places: Array, blur: int = blur) -> Array:
-                values = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
-                there, here = self._compared(recorded, values, wanted, weight, blur)
-                return np.asarray(there - here)
+        def values(places: Array) -> dict[str, float]:
+            return {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
 
-            begin = np.clip([p.to_unit(found[p.name]) for p in moving], 1e-3, 1.0 - 1e-3)
-            places = scipy.optimize.least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
-            found = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
-        return found
+        places = np.array([p.to_unit(start[p.name]) for p in moving])
+        for blur, generations, share in _STAGES:
+            places = np.clip(places, _EDGE, 1.0 - _EDGE)
+            around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
+            places = scipy.optimize.differential_evolution(
+                lambda tried, blur=blur: -self._drop(recorded, values(tried), wanted, weight, blur),
+                around,
+                x0=places,
+                popsize=2,
+                maxiter=generations,
+                init="sobol",
+                tol=0.0,
+                polish=False,
+                rng=0,
+            ).x
+        return values(places)
 
     def _compared(
         self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int

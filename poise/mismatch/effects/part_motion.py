@@ -1,21 +1,25 @@
 """Motion of a part on springs or between stops: exact for stamps that need not be uniform."""
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dtbtrs
 
+from poise import kernels
 from poise.geometry import cross
 from poise.kernels import COMPILED, pendulum
 from poise.mismatch.recorded import hermite
 from poise.types import Array
 
-_MOST_KNOCKS = 2000
+_MOST_STEPS = 1e4
+"""Steps in a time in which a part stays at a stop, at the most."""
+_HALVINGS = 24
+"""Of the time in which a contact ends."""
 _SWING_STEP, _LONGEST_STEP = 0.24, 0.03
 """rad of phase, and s: largest steps of a pendulum."""
 _BLUR = 1e-3
-"""s on either side over which the acceleration of a knock is averaged."""
-_SEARCHED = 64
-"""Samples that are searched at once for the end of a flight."""
+"""s on either side over which the acceleration of a part is averaged."""
 
 
 def crept(seconds: Array, values: Array, time_constant: float) -> Array:
@@ -144,38 +148,110 @@ def _shaken(start: Array, drive: Array, turn: Array, half: float) -> Array:
 def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> tuple[Array, Array, Array]:
     """Position of a free part between two stops, its velocity and acceleration, relative to its carrier.
 
-    It rests against the stop that it is pushed to. When the push changes sign it moves freely, x'' = push (linear
-    between stamps, exact), to the other stop; there its speed v decays without rebound as in a critically damped stop,
-    x = v t exp(-t / settling).
+    Between the stops it flies freely, x'' = push (linear between stamps, exact). A stop pushes, and does not pull, as a
+    critically damped spring on the part: x'' = push - 2 x' / settling - d / settling^2 at a depth d. The part therefore
+    rebounds with e^-2 of its speed, unless its push holds it. It begins at rest against the stop that it is pushed to.
 
     Args:
         seconds: (N,) ascending.
         push: (N,) m/s2 (or rad/s2) towards positive x.
-        gap: from stop to stop, m (or rad); x lies within half of it on either side.
+        gap: from stop to stop, m (or rad).
         settling: s.
 
     Returns:
-        x, dx, ddx, each (N,).
+        x, dx, ddx, each (N,); ddx is averaged over 1 ms on either side.
     """
-    flight = _Flight(seconds, push)
-    position, velocity, acceleration = np.zeros((3, len(seconds)))
-    side, since = 1.0 if push[0] >= 0.0 else -1.0, float(seconds[0])
-    for _ in range(_MOST_KNOCKS):
-        left = flight.departure(side, since)
-        arrived, stop = flight.arrival(side * gap / 2, gap / 2, left)
-        rests, flies = (slice(*np.searchsorted(seconds, span)) for span in ((since, left), (left, arrived)))
-        position[rests] += side * gap / 2
-        if left > seconds[-1]:
-            break
-        v0, x0 = flight.integrals(left)
-        position[flies] += side * gap / 2 + flight.travel[flies] - x0 - v0 * (seconds[flies] - left)
-        velocity[flies] += flight.speed[flies] - v0
-        acceleration[flies] += push[flies]
-        if arrived > seconds[-1]:
-            break
-        side, since = stop, arrived
-        _knock(seconds, arrived, flight.integrals(arrived)[0] - v0, settling, (position, velocity, acceleration))
+    moved = kernels.between_stops if COMPILED else _stopped
+    position, velocity, acceleration = moved(seconds, push, gap, settling, _BLUR)
     return position, velocity, acceleration
+
+
+def _stopped(seconds: Array, push: Array, gap: float, settling: float, blur: float) -> Array:
+    """See `poise.kernels.between_stops`. Plain floats."""
+    half = gap / 2
+    times, pushes = seconds.tolist(), push.tolist()
+    x, v = (half if pushes[0] >= 0.0 else -half) + pushes[0] * settling**2, 0.0
+    since = before = 0.0
+    out: list[tuple[float, float, float]] = []
+    for begin, end, p, q in zip(times[:-1], times[1:], pushes[:-1], pushes[1:], strict=True):
+        here, span = (x, v), end - begin
+        near = span / 2 if span < 2.0 * blur else blur
+        first, last = p + (q - p) / span * near, q - (q - p) / span * near
+        x, v = _advanced(x, v, p, first, near, half, settling)
+        out.append((*here, (v - before) / (since + near)))
+        if span > 2.0 * near:
+            x, v = _advanced(x, v, first, last, span - 2.0 * near, half, settling)
+        before, since = v, near
+        x, v = _advanced(x, v, last, q, near, half, settling)
+    out.append((x, v, (v - before) / since if since else 0.0))
+    return np.array(out).T
+
+
+def _flown(x: float, v: float, push: float, rate: float, t: float) -> tuple[float, float]:
+    """Place and speed after a free flight of t seconds under a push that grows by `rate`."""
+    return x + t * (v + t * (push / 2 + rate * t / 6)), v + t * (push + rate * t / 2)
+
+
+def _held(
+    x: float, v: float, push: float, rate: float, t: float, side: float, half: float, settling: float
+) -> tuple[float, float]:
+    """Place and speed after t seconds at a stop: a critically damped spring, exact."""
+    lag, fade = settling**2 * rate, np.exp(-t / settling)
+    rest = side * half + settling**2 * push - 2.0 * settling * lag
+    away = x - rest
+    slope = v - lag + away / settling
+    return rest + lag * t + (away + slope * t) * fade, lag + (v - lag - slope * t / settling) * fade
+
+
+def _advanced(
+    x: float, v: float, push: float, end: float, span: float, half: float, settling: float
+) -> tuple[float, float]:
+    """Place and speed after `span` seconds, in which the push grows to `end`."""
+    rate, left, step = (end - push) / span, span, max(settling / 2, span / _MOST_STEPS)
+    while left > 0.0:
+        side, t = 1.0 if x > 0.0 else -1.0, min(left, step)
+        if side * x < half:
+            there = _flown(x, v, push, rate, left)
+            if abs(there[0]) <= half:
+                return there
+            stop = 1.0 if there[0] > 0.0 else -1.0
+            t = _met(x, v, push, rate, left, stop, half)
+            x, v = stop * half, _flown(x, v, push, rate, t)[1]
+        else:
+            touches, early = _pushed(x, v, side, half, settling), 0.0
+            law = partial(_held, side=side, half=half, settling=settling) if touches else _flown
+            for halving in range(_HALVINGS + 1):  # until the contact ends, or begins again
+                middle = (early + t) / 2 if halving else t
+                there = law(x, v, push, rate, middle)
+                if side * there[0] > half and _pushed(*there, side, half, settling) != touches:
+                    t = middle
+                elif halving:
+                    early = middle
+                else:
+                    break
+            x, v = law(x, v, push, rate, t)
+        push += rate * t
+        left -= t
+    return x, v
+
+
+def _pushed(x: float, v: float, side: float, half: float, settling: float) -> bool:
+    """Whether a stop pushes: it cannot pull."""
+    return (side * x - half) / settling + 2.0 * side * v > 0.0
+
+
+def _met(x: float, v: float, push: float, rate: float, span: float, side: float, half: float) -> float:
+    """When a flight that ends beyond a stop meets it: by bisection, then Newton's method."""
+    early, late = 0.0, span
+    for _ in range(6):
+        middle = (early + late) / 2
+        early, late = (early, middle) if side * _flown(x, v, push, rate, middle)[0] > half else (middle, late)
+    for _ in range(3):
+        place, speed = _flown(x, v, push, rate, late)
+        if side * speed <= 0.0:
+            break
+        late = min(max(late - (side * place - half) / (side * speed), 0.0), span)
+    return late
 
 
 def travelled(seconds: Array, push: Array, arrivals: Array, sides: Array) -> tuple[Array, Array]:
@@ -198,15 +274,6 @@ def travelled(seconds: Array, push: Array, arrivals: Array, sides: Array) -> tup
             (v0, x0), (v1, x1) = flight.integrals(left), flight.integrals(arrival)
             out[:, reading, k] = x1 - x0 - v0 * (arrival - left), v1 - v0
     return out[0], out[1]
-
-
-def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tuple[Array, Array, Array]) -> None:
-    rows = slice(*np.searchsorted(seconds, [start - _BLUR, start + 30.0 * settling + _BLUR]))
-    t = seconds[rows] - start
-    s = np.maximum(t, 0.0) / settling
-    onto[0][rows] += speed * settling * s * np.exp(-s)
-    onto[1][rows] += np.where(t > 0.0, speed * (1.0 - s) * np.exp(-s), 0.0)
-    onto[2][rows] += speed * knock_acceleration(t, settling)
 
 
 def knock_acceleration(t: Array, settling: float) -> Array:
@@ -262,41 +329,3 @@ class _Flight:
     def _crossing(self, i: int) -> float:
         a, b = self._push[i], self._push[i + 1]
         return float(self._seconds[i] + (self._seconds[i + 1] - self._seconds[i]) * a / (a - b))
-
-    def arrival(self, begin: float, half: float, left: float) -> tuple[float, float]:
-        """When a flight that left at a time from `begin` meets a stop at +-half, and which; infinity for never."""
-        if left > self._seconds[-1]:
-            return np.inf, 0.0
-        v0, x0 = self.integrals(left)
-        first = int(np.searchsorted(self._seconds, left, side="right"))
-        while first < len(self._seconds):
-            rows = slice(first, first + _SEARCHED)
-            place = begin + self.travel[rows] - x0 - v0 * (self._seconds[rows] - left)
-            out = np.flatnonzero(np.abs(place) > half * (1.0 + 1e-9))
-            if len(out):
-                side = float(np.sign(place[out[0]]))
-                early = max(float(self._seconds[first + out[0] - 1]), left)
-                last = first + int(out[0])
-                return self._met(early, last, begin - side * half, v0, x0, left), side
-            first += _SEARCHED
-        return np.inf, 0.0
-
-    def _met(self, early: float, stamp: int, offset: float, v0: float, x0: float, left: float) -> float:
-        """Between a time and the next stamp, by number: by bisection, then Newton's method."""
-        begin, p, rate, v, x = self._piece(stamp - 1)
-
-        def state(time: float) -> tuple[float, float]:
-            t = time - begin
-            speed, place = v + t * (p + rate * t / 2), x + t * (v + t * (p / 2 + rate * t / 6))
-            return offset + place - x0 - v0 * (time - left), speed - v0
-
-        late = float(self._seconds[stamp])
-        outside = state(late)[0] > 0.0
-        first, last = early, late
-        for _ in range(6):
-            middle = (early + late) / 2
-            early, late = (early, middle) if (state(middle)[0] > 0.0) == outside else (middle, late)
-        for _ in range(3):
-            beyond, speed = state(late)
-            late = min(max(late - beyond / speed, first), last) if speed else late
-        return late

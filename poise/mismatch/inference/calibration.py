@@ -85,7 +85,7 @@ second-order part of a clock offset, which the clock's column lacks."""
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
     """All groups for a recording; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
     wrench = recorded.prediction
-    payload, bias, drift, tilt, joints, blur = recorded.once(
+    payload, bias, drift, tilt, joints = recorded.once(
         ("calibration", tolerance), lambda: _of_motion(recorded, tolerance)
     )
     later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
@@ -98,18 +98,25 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
         tilt,
         joints,
         CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
-        blur,
+        recorded.once("blur", lambda: _blur(recorded)) if recorded.lag == 0.0 else _blur(recorded),
     )
 
 
+def _blur(recorded: RecordedMotion) -> CalibrationGroup:
+    """What smoothing does to the nominal wrench, where the sensor reads it: as late as the prediction."""
+    wrench = recorded.nominal
+    if recorded.lag:
+        wrench = at_times(recorded.seconds, wrench, recorded.seconds - recorded.lag)
+    calm = [gaussian_filter1d(wrench, width / recorded.period, axis=0, mode="nearest") - wrench for width in _BLURS]
+    return CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=recorded.lag == 0.0)
+
+
 def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
-    """The groups that do not depend on what is predicted: payload, bias, drift, tilt, joints, blur."""
+    """The groups that do not depend on what is predicted: payload, bias, drift, tilt, joints."""
     middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
-    widths = [width / recorded.period for width in _BLURS]
-    calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
     steady = np.broadcast_to(bias, (len(recorded), 6))
     each = np.arange(6)
     return (
@@ -118,7 +125,6 @@ def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibrat
         CalibrationGroup("drift", ramp[:, None] * drift, channel=each, channels=6, lasting=True),
         CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt, lasting=True),
         CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset, lasting=True),
-        CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=True),
     )
 
 

@@ -136,9 +136,11 @@ class Problem:
         """(N, C) the prediction of the signal."""
         return recorded.prediction if recorded.effort is None or self.signal == "wrench" else recorded.effort.prediction
 
-    def with_prediction(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
-        """The recording with another prediction (N, C) of the signal."""
-        return recorded.with_prediction(prediction) if self.signal == "wrench" else recorded.with_effort(prediction)
+    def with_prediction(self, recorded: RecordedMotion, prediction: Array, later: float = 0.0) -> RecordedMotion:
+        """The recording with another prediction (N, C) of the signal, `later` (s) than the present one."""
+        if self.signal == "wrench":
+            return recorded.with_prediction(prediction, later)
+        return recorded.with_effort(prediction)
 
     def compose(self, parts: Sequence[FittedEffect]) -> tuple[list[RecordedMotion], RecordedMotion]:
         """The recording that each part acts on, in the order given, and the recording after all of them."""
@@ -146,9 +148,9 @@ class Problem:
         before: dict[int, RecordedMotion] = {}
         for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
             before[index] = recorded
-            recorded = self.with_prediction(
-                recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values)
-            )
+            predicted = self.predicted(recorded) + part.effect.simulate(recorded, part.values)
+            later = part.values[part.effect.delay] if part.effect.delay else 0.0
+            recorded = self.with_prediction(recorded, predicted, later)
         return [before[index] for index in range(len(parts))], recorded
 
     def settled(self, parts: Sequence[FittedEffect]) -> Mask:

@@ -174,11 +174,16 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
-    elif not (settled := problem.settled(whole.parts)).all():
-        # A knock that is a fraction of a sample late would count as much as one that is not there.
-        judged = settled if problem.judged is None else settled & problem.judged
-        whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    return [_proof(problem, length, whole, shorter) for shorter in without]
+    proofs = [_proof(problem, length, whole, shorter) for shorter in without]
+    if length > 1 or (settled := problem.settled(whole.parts)).all():
+        return proofs
+    # A knock that is a fraction of a sample late counts as much as one that is not there: without the knocks, too.
+    judged = settled if problem.judged is None else settled & problem.judged
+    calm, *others = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
+    again = [_proof(problem, length, calm, shorter) for shorter in others]
+    return [
+        max(pair, key=lambda proof: (proof.improved_blocks, proof.gain)) for pair in zip(proofs, again, strict=True)
+    ]
 
 
 def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
@@ -192,7 +197,9 @@ def _proof(problem: Problem, length: int, whole: HypothesisFit, without: Hypothe
     fold = np.tile(_parts(0.5 * share + 0.5 / len(share), _BLOCKS**2) % _BLOCKS, channels)
     squares = [_predicted(each, fold) ** 2 for each in (without, whole)]
     fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)
-    falls = np.bincount(_parts(share, _BLOCKS), weights=fall, minlength=_BLOCKS)
+    # A knock alone may have more than a block's share.
+    blocks = _parts(np.minimum(share, 1.0 / _BLOCKS**2), _BLOCKS)
+    falls = np.bincount(blocks, weights=fall, minlength=_BLOCKS)
     errors = [float(np.mean(each)) for each in squares]
     return EffectProof(
         blocks=_BLOCKS,
@@ -231,7 +238,8 @@ def elsewhere(left: Array, energy: Array, share: Array) -> float:
 
 def _parts(share: Array, count: int) -> NDArray[np.intp]:
     """(N,) number of the part of each sample: consecutive parts with equal sums of `share` (N,)."""
-    return np.minimum((np.cumsum(share) * count * (1.0 - 1e-9)).astype(np.intp), count - 1)
+    sums = np.cumsum(share)
+    return np.asarray(np.minimum((sums / sums[-1] * count * (1.0 - 1e-9)).astype(np.intp), count - 1), dtype=np.intp)
 
 
 def _predicted(found: HypothesisFit, fold: NDArray[np.intp]) -> Array:

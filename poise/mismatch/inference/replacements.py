@@ -4,8 +4,10 @@ A search adds one effect at a time. An effect that came early was never compared
 later. Each one is therefore compared with the whole library in its place, under the noise that the answer leaves.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, fit
@@ -22,6 +24,8 @@ similar effect with more parameters fits the remaining details."""
 _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
 _STEPS = 4
+_MOST = 0.5
+"""Share of the smoothing that a delay leaves, below which it explains most of it."""
 
 
 def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[str, EffectCandidate], ...]:
@@ -40,11 +44,45 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
         free = [each for each in free if others or _near(state, part, each)]
         candidates = {each.effect.name: each for each in beside(problem, others, free, state.limit, part)}
         own = candidates.get(part.effect.name)
+        if part.effect.delay and own is not None and not state.limit.over():
+            candidates |= _delays(state, problem, others, own, candidates)
         if state.limit.over() and own is not None:
             unsure = [each for each in free if alike(each, part.effect) and each is not part.effect]
             candidates |= {each.name: replace(own, effect=each) for each in unsure}
         out.append(candidates)
     return tuple(out)
+
+
+def _delays(
+    state: HypothesisSearch,
+    problem: Problem,
+    others: Sequence[FittedEffect],
+    own: EffectCandidate,
+    candidates: Mapping[str, EffectCandidate],
+) -> dict[str, EffectCandidate]:
+    """Delays in the place of another one, compared in full: the smoothing in the calibration is as late as each."""
+
+    delays = {name: each for name, each in candidates.items() if each.effect.delay and (each.gain > 0.0 or each is own)}
+    fits = {
+        name: _fitted(state, problem, (*others, FittedEffect(each.effect, each.values)))
+        for name, each in delays.items()
+    }
+    here = fits[own.effect.name]
+    left = {name: _smoothing(problem, each) for name, each in fits.items()}
+    out = {}
+    for name, each in delays.items():
+        # A filter is named where it explains most of the smoothing, and a delay where as much is left with a filter.
+        less = (left[name] < _MOST * left[own.effect.name]) - float(left[own.effect.name] < _MOST * left[name])
+        gain = own.gain + fits[name].log_evidence - here.log_evidence + 2.0 * EQUAL_EVIDENCE * less
+        out[name] = replace(each, gain=gain)
+    return out
+
+
+def _smoothing(problem: Problem, found: HypothesisFit) -> float:
+    """Size of the smoothing in the calibration errors beside a fit."""
+    groups = problem.groups(problem.compose(found.parts)[1], found.parts)
+    blurs = np.concatenate([np.full(int(group.seen.sum()), group.name == "blur") for group in groups])
+    return float(np.linalg.norm(found.regression.coefficients()[: len(blurs)][blurs]))
 
 
 def _near(state: HypothesisSearch, part: FittedEffect, other: Effect) -> bool:

@@ -241,6 +241,9 @@ def prescreen(
         return []
     least = max(0.0, found[0].gain - max(_NEAR, _NEAR_SHARE * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
+    if any(each.effect.delay for each in chosen):
+        # Beside one delay another one is compared in full: the smoothing in the calibration moves with each of them.
+        chosen += [each for each in found if each.effect.delay and each.gain > 0.0 and each not in chosen]
     if all(isinstance(each.effect, Dependence) for each in chosen):
         # A free curve follows an effect of the library in part; the effect is compared in full.
         named = [each for each in found if each.gain > _BESIDE_CURVES * found[0].gain and each not in chosen]

