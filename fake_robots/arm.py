@@ -5,16 +5,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.fake_robots.camera import RenderedCamera, camera_topics
 from poise.fake_robots.drive import Drive
 from poise.fake_robots.gripper import SimulatedGripper
-from poise.fake_robots.handling import Handling
 from poise.fake_robots.link_frames import LinkFrames, odometry_bytes, tf_bytes
 from poise.fake_robots.stream import Message, TopicInfo, in_order
 from poise.geometry import Pose
@@ -33,6 +31,10 @@ from poise.simulation import (
     home,
 )
 from poise.types import Array
+
+if TYPE_CHECKING:  # slow to import; few arms have a world or a camera
+    from poise.fake_robots.camera import RenderedCamera
+    from poise.fake_robots.handling import Handling
 
 _BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
 _STOP_TIME = 0.5  # s to stop in when a command says so
@@ -75,8 +77,8 @@ class Equipment:
 
     gripper: SimulatedGripper | None = None
     drive: Drive | None = None
-    handling: Handling | None = None
-    camera: RenderedCamera | None = None
+    handling: "Handling | None" = None
+    camera: "RenderedCamera | None" = None
     tf_rate: float = 0.0
     fixed_frames: tuple[tuple[str, str, Pose], ...] = ()
 
@@ -141,7 +143,7 @@ class SimulatedArm:
         if self.gear.handling is not None:
             self.topics["world_truth"] = TopicInfo("tf2_msgs/msg/TFMessage", depth=10)
         if self.gear.camera is not None:
-            self.topics |= camera_topics()
+            self.topics |= self.gear.camera.topics
 
     def hold(self, world: IdealRobot) -> None:
         """Take another payload (or gravity) from here on: a grasp, a release."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -49,12 +50,6 @@ class Mounted:
     noise: StereoNoise = D435
 
 
-def camera_topics() -> dict[str, TopicInfo]:
-    """The topics of the images."""
-    kinds = {"depth": "sensor_msgs/msg/Image", "colour": "sensor_msgs/msg/Image", "info": "sensor_msgs/msg/CameraInfo"}
-    return {CAMERA_TOPICS[name]: TopicInfo(kind, depth=5) for name, kind in kinds.items()}
-
-
 class RenderedCamera:
     """Images of a world.
 
@@ -63,6 +58,11 @@ class RenderedCamera:
         seed: of the noise; each image has its own part of it.
         wanted: whether anybody would see the next image.
     """
+
+    topics: ClassVar = {
+        CAMERA_TOPICS[name]: TopicInfo(f"sensor_msgs/msg/{kind}", depth=5)
+        for name, kind in {"depth": "Image", "colour": "Image", "info": "CameraInfo"}.items()
+    }
 
     def __init__(self, mounted: Mounted, seed: int, wanted: Callable[[], bool] = lambda: True) -> None:
         self.mounted, self._seed, self.wanted = mounted, seed, wanted

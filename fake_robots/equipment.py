@@ -1,26 +1,23 @@
 """What a simulated arm has besides its joints and its sensor, from parameters: gripper, base, world, camera."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from poise.assembly import load_scene
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import Equipment
-from poise.fake_robots.camera import Mounted, RenderedCamera
 from poise.fake_robots.drive import BASE_JOINTS, Drive
-from poise.fake_robots.grip import Pads
 from poise.fake_robots.gripper import FingerTravel, SimulatedGripper
-from poise.fake_robots.handling import Handling
 from poise.fake_robots.link_frames import LinkFrames
-from poise.fake_robots.mujoco_world import MujocoWorld
-from poise.fake_robots.sweep_bag import VGA
-from poise.fake_robots.world import QuasistaticWorld, World
 from poise.files import package_file
 from poise.geometry import Pose, rotation_about
 from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import RobotModel
-from poise.scanning import Camera
+
+if TYPE_CHECKING:  # imported where they are used: few arms have a world or a camera
+    from poise.fake_robots.camera import RenderedCamera
+    from poise.fake_robots.handling import Handling
+    from poise.fake_robots.world import World
 
 _OPTICAL = "camera_color_optical_frame"
 
@@ -73,7 +70,8 @@ def make_equipment(values: dict[str, Any], model: RobotModel, description: str) 
         if forward <= 0 or turning <= 0:
             raise InputError(ErrorCode.BAD_INPUT, "parameter base_acceleration must be two positive numbers")
         drive = Drive((forward, turning), values["cmd_vel_timeout"])
-    handling = camera = None
+    handling: Handling | None = None
+    camera: RenderedCamera | None = None
     more: list[tuple[str, str, Pose]] = []
     if values["camera"] and not values["world"]:
         raise InputError(ErrorCode.BAD_INPUT, "parameter camera: there is nothing to see; give the parameter world")
@@ -81,7 +79,7 @@ def make_equipment(values: dict[str, Any], model: RobotModel, description: str) 
         handling = _handling(values, model, description, gripper, standing)
         more.append((values["world_frame"], model.base_frame, standing))
     if values["camera"]:
-        camera = RenderedCamera(_mounted(values, model), values["seed"])
+        camera = _camera(values, model)
         more.append((camera.mounted.parent, _OPTICAL, camera.mounted.pose))
     return Equipment(gripper, drive, handling, camera, values["tf_rate"], tuple(more))
 
@@ -98,7 +96,13 @@ def _gripper(values: dict[str, Any]) -> SimulatedGripper | None:
 
 def _handling(
     values: dict[str, Any], model: RobotModel, description: str, gripper: SimulatedGripper | None, standing: Pose
-) -> Handling:
+) -> "Handling":
+    from poise.assembly import load_scene
+    from poise.fake_robots.grip import Pads
+    from poise.fake_robots.handling import Handling
+    from poise.fake_robots.mujoco_world import MujocoWorld
+    from poise.fake_robots.world import QuasistaticWorld
+
     if gripper is None:
         raise InputError(ErrorCode.BAD_INPUT, "parameter world: nothing grasps without a gripper; give gripper_joint")
     model.frame_id(values["tool_frame"])
@@ -114,7 +118,11 @@ def _handling(
     return Handling(world, model, LinkFrames(description, model), gripper, values["tool_frame"], standing)
 
 
-def _mounted(values: dict[str, Any], model: RobotModel) -> Mounted:
+def _camera(values: dict[str, Any], model: RobotModel) -> "RenderedCamera":
+    from poise.fake_robots.camera import Mounted, RenderedCamera
+    from poise.fake_robots.sweep_bag import VGA
+    from poise.scanning import Camera
+
     parent = values["camera_parent"] or values["sensor_frame"]
     model.frame_id(parent)
     scale = values["camera_width"] / VGA.width
@@ -124,7 +132,8 @@ def _mounted(values: dict[str, Any], model: RobotModel) -> Mounted:
     pose = _numbers(values, "camera_pose", 7)
     if not pose[3:].any():
         raise InputError(ErrorCode.BAD_INPUT, "parameter camera_pose: its quaternion is zero")
-    return Mounted(parent, _OPTICAL, Pose.from_vector(pose), camera, values["camera_rate"])
+    mounted = Mounted(parent, _OPTICAL, Pose.from_vector(pose), camera, values["camera_rate"])
+    return RenderedCamera(mounted, values["seed"])
 
 
 def _numbers(values: dict[str, Any], name: str, count: int) -> Any:

@@ -24,7 +24,6 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.bag_replay import BagSource, message_class
-from poise.fake_robots.camera import camera_topics
 from poise.fake_robots.commands import waypoints_of
 from poise.fake_robots.faults import apply_faults, parse_faults
 from poise.fake_robots.gripper_action import GripperAction
@@ -107,7 +106,7 @@ class FakeRobot(Node):
             kind = TwistStamped if values["cmd_vel_stamped"] else Twist
             self.create_subscription(kind, "cmd_vel", guarded(self, self._drive), 10)
         if gear.camera is not None:
-            images = [self._outlets[topic] for topic in camera_topics()]
+            images = [self._outlets[topic] for topic in gear.camera.topics]
             gear.camera.wanted = lambda: any(outlet.get_subscription_count() for outlet in images)
 
     def destroy_node(self) -> None:
