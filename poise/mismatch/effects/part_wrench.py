@@ -42,7 +42,7 @@ def skew(vectors: Array) -> Array:
 
 
 def lever_rates(recorded: RecordedMotion) -> Array:
-    """(N, 3, 3) 1/s2: acceleration of a point against the sensor's origin by its place: alpha x . + omega x (omega x .)."""
+    """(N, 3, 3) 1/s2, acceleration against the sensor's origin by the place: alpha x . + omega x (omega x .)."""
 
     def made() -> Array:
         turning = skew(recorded.angular_velocity)

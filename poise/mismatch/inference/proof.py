@@ -181,9 +181,8 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
     judged = settled if problem.judged is None else settled & problem.judged
     calm, *others = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
     again = [_proof(problem, length, calm, shorter) for shorter in others]
-    return [
-        max(pair, key=lambda proof: (proof.improved_blocks, proof.gain)) for pair in zip(proofs, again, strict=True)
-    ]
+    pairs = zip(proofs, again, strict=True)
+    return [max(pair, key=lambda proof: (not proof.lacking, proof.improved_blocks, proof.gain)) for pair in pairs]
 
 
 def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
