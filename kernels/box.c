@@ -56,7 +56,7 @@ static void slope_at(const struct box *box, const double *x, double *out) {
   }
 }
 
-/* The least by pivoting from the bounds that hold (-1 and 1 in `side`, which changes); `found` is 0 without progress. */
+/* The least by pivoting from the bounds that hold (-1, 1 in `side`, which changes); `found` is 0 without progress. */
 static int pivot(const struct box *box, int8_t *side, double *x, int *found) {
   const int64_t k = box->k;
   double *rest = box->vectors, *slope = rest + k, *tight = slope + k;
@@ -151,7 +151,8 @@ static int interior(const struct box *box, double *x, int8_t *side, double *tria
     for (int64_t s = 0; s < count; s++) rest[index[s]] -= sign[s] * pressure[s];
     for (int64_t i = 0; i < k; i++) largest = fmax(largest, fabs(rest[i]));
     if (gap < GAP && largest < small) break;
-    for (int64_t i = 0; i < k; i++) memcpy(box->factor + i * (k + 1), box->normal + i * (k + 1), sizeof(double) * (size_t)(k - i));
+    for (int64_t i = 0; i < k; i++)
+      memcpy(box->factor + i * (k + 1), box->normal + i * (k + 1), sizeof(double) * (size_t)(k - i));
     for (int64_t s = 0; s < count; s++) box->factor[index[s] * (k + 1)] += pressure[s] / slack[s];
     if (factorise_upper(box->factor, k)) return POISE_NOT_POSITIVE;
     memset(aim, 0, sizeof(double) * (size_t)count);

@@ -1,4 +1,5 @@
-/* Likelihoods from normal equations and sums over samples; in Python: ModelAverage.along, WithoutBias, log_likelihood. */
+/* Likelihoods from normal equations and sums over samples; in Python: ModelAverage.along, WithoutBias,
+   log_likelihood. */
 #include <math.h>
 #include <string.h>
 
@@ -56,7 +57,8 @@ static void covariance_of(const double *phi, const double *variances, const doub
     }
 }
 
-/* (6, 6) sum of r r^T of the residuals that unknowns (16,) leave of sums (19, 19). `entries` (6, 16, 13): see `signals`. */
+/* (6, 6) sum of r r^T of the residuals that unknowns (16,) leave of sums (19, 19). `entries` (6, 16, 13): see
+   `signals`. */
 static void residual_sums(const double *moments, const double *unknowns, const double *entries, double *second) {
   double rows[CHANNELS * SIGNALS] = {0.0}, half[CHANNELS * SIGNALS];
   for (int i = 0; i < CHANNELS; i++) {

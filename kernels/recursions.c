@@ -1,4 +1,4 @@
-/* Recursions from sample to sample; in Python: poise/mismatch/inference/noise.py and poise/mismatch/effects/part_motion.py. */
+/* Recursions from sample to sample; in Python: inference/noise.py and effects/part_motion.py of poise/mismatch. */
 #include <math.h>
 
 #include "poise_kernels.h"
@@ -116,7 +116,7 @@ static double pushed(part at, double side, double half, double settling) {
   return (side * at.x - half) / settling + 2.0 * side * at.v;
 }
 
-/* The part after `span` seconds under a push that grows from `push` to `end`, between stops at plus and minus `half`. */
+/* The part after `span` seconds in which the push grows from `push` to `end`, between stops at +-`half`. */
 static part advanced(part at, double push, double end, double span, double half, double settling) {
   const double rate = (end - push) / span, step = fmax(settling / 2.0, span / MOST_STEPS);
   for (double left = span; left > 0.0;) {

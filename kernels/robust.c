@@ -86,7 +86,8 @@ static int solve_weighted(const struct entries *design, int64_t rows, int column
   }
   for (int i = 0; i < columns; i++) {
     unknowns[i] /= scale[i];
-    for (int j = 0; j <= i; j++) normal[i * columns + j] = normal[j * columns + i] = normal[i * columns + j] / (scale[i] * scale[j]);
+    for (int j = 0; j <= i; j++)
+      normal[i * columns + j] = normal[j * columns + i] = normal[i * columns + j] / (scale[i] * scale[j]);
     normal[i * (columns + 1)] += RIDGE;
   }
   const int status = factor_rows(normal, columns, exchanges);
@@ -135,7 +136,8 @@ static int fit(const struct entries *design, int64_t count, int columns, const d
       }
   }
   for (int64_t round = 0; round < rounds; round++) {
-    const int status = solve_weighted(design, count * CHANNELS, columns, wrench, root, normal, scale, exchanges, unknowns);
+    const int status =
+        solve_weighted(design, count * CHANNELS, columns, wrench, root, normal, scale, exchanges, unknowns);
     if (status) return status;
     leave(design, count, wrench, used, unknowns, residual, norm);
     for (int g = 0; g < GROUPS; g++) {

@@ -1,4 +1,4 @@
-/* Least-squares quintic splines on uniform knots; what poise/robot/splines.py does with numpy, and why, is said there. */
+/* Least-squares quintic splines on uniform knots: what poise/robot/splines.py does with numpy, which says why. */
 #ifndef POISE_SPLINES_H
 #define POISE_SPLINES_H
 
@@ -19,7 +19,8 @@ struct design {
   double weights[2][ORDER];
 };
 
-/* One spline for each column, a multiple of four or a single one, with the band matrices that it follows from. Bands are (ORDER, size) in lower form. */
+/* One spline for each column, a multiple of four or a single one, with the band matrices that it follows from. Bands
+   are (ORDER, size) in lower form. */
 struct fit {
   struct grid grid;
   struct design *design; /* (count,); NULL in a fit of one column */
