@@ -175,7 +175,8 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
     proofs = [_proof(problem, length, whole, shorter) for shorter in without]
-    if length > 1 or (settled := problem.settled(whole.parts)).all():
+    settled = problem.settled(whole.parts)
+    if settled.all():
         return proofs
     # A knock that is a fraction of a sample late counts as much as one that is not there: without the knocks, too.
     judged = settled if problem.judged is None else settled & problem.judged
@@ -237,8 +238,8 @@ def elsewhere(left: Array, energy: Array, share: Array) -> float:
 
 def _parts(share: Array, count: int) -> NDArray[np.intp]:
     """(N,) number of the part of each sample: consecutive parts with equal sums of `share` (N,)."""
-    sums = np.cumsum(share)
-    return np.asarray(np.minimum((sums / sums[-1] * count * (1.0 - 1e-9)).astype(np.intp), count - 1), dtype=np.intp)
+    reached = np.cumsum(share) / max(float(share.sum()), 1e-300)
+    return np.asarray(np.minimum((reached * count * (1.0 - 1e-9)).astype(np.intp), count - 1), dtype=np.intp)
 
 
 def _predicted(found: HypothesisFit, fold: NDArray[np.intp]) -> Array:

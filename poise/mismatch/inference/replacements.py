@@ -68,6 +68,8 @@ def _delays(
         for name, each in delays.items()
     }
     here = fits[own.effect.name]
+    if not np.isfinite(here.log_evidence):
+        return {}
     left = {name: _smoothing(problem, each) for name, each in fits.items()}
     out = {}
     for name, each in delays.items():
