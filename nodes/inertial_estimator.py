@@ -1,11 +1,13 @@
 """Node: weighs what the sensor carries, from wrenches and the robot's motion, and publishes the estimate."""
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -16,10 +18,10 @@ from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
 from poise.nodes.arm_node import ArmNode
-from poise.nodes.backlog import Backlog
 from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
+from poise.nodes.inbox import Inbox
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
@@ -28,7 +30,7 @@ from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 _UPDATE_PERIOD = 0.05
-"""s between bringing wrenches and motion together: many at once cost less than one by one."""
+"""s between taking messages and bringing wrenches and motion together: many at once cost less than one by one."""
 _SOLVING = 0.2
 """Share of a core that solving may take: with many samples it is done less often."""
 DEPTH = 4000
@@ -49,7 +51,7 @@ class InertialEstimator(ArmNode):
         """For who weighs on request, see `LiveEstimator.begin_window`."""
         self._published = self._told = 0
         self._rest = 0.0
-        self._backlog = Backlog(DEPTH)
+        self._inbox = Inbox(DEPTH, map(self.resolve_topic_name, ("wrench", "joint_states", "tf", "odom", "imu")))
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
@@ -60,11 +62,10 @@ class InertialEstimator(ArmNode):
             (JointState, "joint_states", self._on_joint_state),
             (TFMessage, "tf", self._on_tf),
         ):
-            counted = self._backlog.counted(topic, callback)
             if topic == "wrench" and values["best_effort"]:
-                self.create_subscription(message_type, topic, guarded(self, counted), best_effort)
+                self.create_subscription(message_type, topic, guarded(self, callback), best_effort)
             else:
-                subscribe(self, message_type, topic, counted, DEPTH)
+                subscribe(self, message_type, topic, callback, DEPTH)
         for message_type, topic, callback, qos in (
             (Odometry, "odom", self._on_odometry, best_effort),
             (String, "robot_description", self._on_description, _LATCHED),
@@ -80,6 +81,11 @@ class InertialEstimator(ArmNode):
         self._action = IdentifyPayload(self)
         self.watchdog = self._action.watchdog
         self.start()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Of the executor: those that the inbox does not take."""
+        return self._inbox.others(super().subscriptions)
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""
@@ -147,7 +153,7 @@ class InertialEstimator(ArmNode):
         return response
 
     def _update(self) -> None:
-        for topic in self._backlog.full():
+        for topic in self._inbox.take(super().subscriptions):
             self.get_logger().warning(f"{topic}: {DEPTH} messages waited, and older ones are lost")
         self.live.update(time.monotonic())
         for change in self.live.changes[self._told :]:
@@ -171,7 +177,7 @@ class InertialEstimator(ArmNode):
 
     def _diagnose(self) -> None:
         status = status_of(self.live, time.monotonic())
-        status = replace(status, values=status.values | {"queue_overflows": str(self._backlog.overflows)})
+        status = replace(status, values=status.values | {"queue_overflows": str(self._inbox.overflows)})
         if "wrench" not in self.live.heard:
             hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
             status = replace(status, message=status.message + hint)

@@ -1,13 +1,16 @@
 """Subscriptions of nodes: a publisher that offers only best effort is heard, and a reliable one only once."""
 
+import time
+
 import pytest
 import rclpy
 from geometry_msgs.msg import Wrench, WrenchStamped
 from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from poise.nodes.backlog import Backlog
+from poise.nodes.inbox import Inbox
 from poise.nodes.inertial_estimator import DEPTH
 from poise.nodes.runtime import subscribe, topic_hint
 
@@ -37,25 +40,65 @@ def test_best_effort_publishers_are_heard_and_nothing_is_heard_twice(graph, raw)
     node.destroy_node()
 
 
+class Slow(Node):
+    """Takes a while for each wrench."""
+
+    def __init__(self, context: Context, depth: int, pause: float = 0.0) -> None:
+        self.inbox = Inbox(depth, ["/wrench"])
+        super().__init__("slow", context=context)
+        self.heard: list[WrenchStamped] = []
+        self.ticks = 0
+        self.pause = pause
+        subscribe(self, WrenchStamped, "wrench", self.hear, depth)
+        self.create_timer(0.02, self.tick)
+
+    @property
+    def subscriptions(self):
+        return self.inbox.others(super().subscriptions)
+
+    def hear(self, message: WrenchStamped) -> None:
+        self.heard.append(message)
+        time.sleep(self.pause)
+
+    def tick(self) -> None:
+        self.ticks += 1
+        self.inbox.take(super().subscriptions)
+
+
 @pytest.mark.parametrize("depth", [20, DEPTH])
-def test_a_queue_that_was_full_while_the_node_was_held_up_keeps_the_newest_and_is_counted(graph, depth) -> None:
-    node = Node("held_up", context=graph.node.context)
+def test_a_queue_that_was_full_keeps_the_newest_and_is_counted(graph, depth) -> None:
+    node = Slow(graph.node.context, depth)
     graph.add(node)
-    backlog = Backlog(depth)
-    heard: list[WrenchStamped] = []
-    subscribe(node, WrenchStamped, "wrench", backlog.counted("wrench", heard.append), depth)
     publisher = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=2 * depth))
     graph.wait_for(publisher.get_subscription_count, what="the subscription")
     message = WrenchStamped()
-    for count, kept, full in ((depth // 2, depth // 2, []), (depth * 3 // 2, depth, ["wrench"]), (10, 10, [])):
-        heard.clear()
+    for count, kept, full in ((depth // 2, depth // 2, 0), (depth * 3 // 2, depth, 1), (10, 10, 1)):
+        node.heard.clear()
         for number in range(count):
             message.header.stamp.sec = number
             publisher.publish(message)
-        graph.wait_for(lambda kept=kept: len(heard) >= kept, what="the messages that waited")
-        assert [one.header.stamp.sec for one in heard] == list(range(count - kept, count))
-        assert backlog.full() == full
-    assert backlog.overflows == 1
+        graph.wait_for(lambda kept=kept: len(node.heard) >= kept, what="the messages that waited")
+        assert [one.header.stamp.sec for one in node.heard] == list(range(count - kept, count))
+        assert node.inbox.overflows == full
+    node.destroy_node()
+
+
+def test_a_node_that_is_slower_than_a_topic_comes_to_its_timers(graph) -> None:
+    """Three times as many messages as it can take: with an event for each, the timer would wait behind all of them."""
+    node = Slow(graph.node.context, 20, pause=0.002)
+    executor = EventsExecutor(context=graph.node.context)
+    executor.add_node(node)
+    publisher = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=20))
+    graph.wait_for(publisher.get_subscription_count, what="the subscription")
+    message = WrenchStamped()
+    for _ in range(20):
+        for _ in range(60):
+            publisher.publish(message)
+        executor.spin_once(timeout_sec=0.04)
+    assert node.ticks >= 10
+    assert node.inbox.overflows >= 5
+    assert len(node.heard) < 0.5 * 20 * 60  # the rest was lost, and counted
+    executor.shutdown()
     node.destroy_node()
 
 
