@@ -94,8 +94,10 @@ class LoosePart(Effect):
         if readings and len(readings[0].moments) >= _FEWEST:
             found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
 
+        there = _blurred(bent, weight, _SCREENED)
+
         def drop(values: Values) -> float:
-            return self._drop(recorded, values, bent, weight, _SCREENED)
+            return self._drop(recorded, values, there, weight, _SCREENED)
 
         # The gap that the knocks say is wrong where some were not heard.
         tried = ({**start, "gap": gap} for start in found for gap in (start["gap"], *_GAPS))
@@ -111,7 +113,7 @@ class LoosePart(Effect):
         """The knocks: while a stop gives way."""
         slid, speed, _ = self._slid(recorded, values)
         beyond = np.abs(slid) - 0.5 * values["gap"]
-        held = np.abs(specific_at(recorded, place_of(values)) @ direction(values)) * values["settling"] ** 2
+        held = np.abs(_push(recorded, values)) * values["settling"] ** 2
         moves = np.abs(beyond - held) + np.abs(speed) * values["settling"]
         gives = (beyond > 0.0) & (moves > _GIVES * values["gap"])
         return tuple(spans(recorded.seconds, gives, _BESIDE * recorded.period))
@@ -119,8 +121,7 @@ class LoosePart(Effect):
     @staticmethod
     def _slid(recorded: RecordedMotion, values: Values) -> tuple[Array, Array, Array]:
         """(N,) each: where the part is along the axis, m, its rate and second rate."""
-        push = specific_at(recorded, place_of(values)) @ direction(values)
-        return between_stops(recorded.seconds, push, values["gap"], values["settling"])
+        return between_stops(recorded.seconds, _push(recorded, values), values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         reason = super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
@@ -205,10 +206,11 @@ class LoosePart(Effect):
 
         places = np.array([p.to_unit(start[p.name]) for p in moving])
         for blur, generations, share in _STAGES:
+            there = _blurred(wanted, weight, blur)
             places = np.clip(places, _EDGE, 1.0 - _EDGE)
             around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
             places = scipy.optimize.differential_evolution(
-                lambda tried, blur=blur: -self._drop(recorded, values(tried), wanted, weight, blur),
+                lambda tried, there=there, blur=blur: -self._drop(recorded, values(tried), there, weight, blur),
                 around,
                 x0=places,
                 popsize=2,
@@ -220,22 +222,21 @@ class LoosePart(Effect):
             ).x
         return values(places)
 
-    def _compared(
-        self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int
-    ) -> tuple[Array, Array]:
-        """The residual and its part that the best mass explains, averaged over some samples, flat."""
-        response = _bent(recorded, self.columns(recorded, nonlinear)[:, :, 0])
-        here, there = (
-            uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: _step(blur)].ravel()
-            for part in (response, wanted)
-        )
-        mass = max(float(here @ there), 0.0) / max(float(here @ here), 1e-12)
-        return there, mass * here
-
-    def _drop(self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
-        """By how much the best mass lowers the square of the residual."""
-        there, here = self._compared(recorded, nonlinear, wanted, weight, blur)
+    def _drop(self, recorded: RecordedMotion, nonlinear: Values, there: Array, weight: Array, blur: int) -> float:
+        """By how much the best mass lowers the square of a residual, which is `_blurred`."""
+        here = _blurred(_bent(recorded, self.columns(recorded, nonlinear)[:, :, 0]), weight, blur)
+        here *= max(float(here @ there), 0.0) / max(float(here @ here), 1e-12)
         return _step(blur) * float(there @ there - (there - here) @ (there - here))
+
+
+def _push(recorded: RecordedMotion, values: Values) -> Array:
+    """(N,) m/s2 along the axis of a free part."""
+    return np.asarray(specific_at(recorded, place_of(values)) @ direction(values))
+
+
+def _blurred(values: Array, weight: Array, blur: int) -> Array:
+    """Weighed wrenches (N, 6) without their mean, averaged over some samples, flat."""
+    return np.asarray(uniform_filter1d((values - values.mean(axis=0)) * weight, blur, axis=0)[:: _step(blur)].ravel())
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dtbtrs
 
-from poise import kernels
 from poise.geometry import cross
 from poise.kernels import COMPILED, pendulum
+from poise.kernels import between_stops as compiled_stops
 from poise.mismatch.recorded import hermite
 from poise.types import Array
 
@@ -161,7 +161,7 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> t
     Returns:
         x, dx, ddx, each (N,); ddx is averaged over 1 ms on either side.
     """
-    moved = kernels.between_stops if COMPILED else _stopped
+    moved = compiled_stops if COMPILED else _stopped
     position, velocity, acceleration = moved(seconds, push, gap, settling, _BLUR)
     return position, velocity, acceleration
 
@@ -286,28 +286,23 @@ def knock_acceleration(t: Array, settling: float) -> Array:
 
 
 class _Flight:
-    """Integrals of a push that is linear between stamps, and the times at which they reach a value."""
+    """Integrals of a push that is linear between stamps, and the times at which it changes sign."""
 
     def __init__(self, seconds: Array, push: Array) -> None:
         self._seconds, self._push = seconds, push
         h = np.diff(seconds)
-        self.speed = np.concatenate([[0.0], np.cumsum(h * (push[1:] + push[:-1]) / 2)])
-        steps = h * self.speed[:-1] + h**2 * (2 * push[:-1] + push[1:]) / 6
-        self.travel = np.concatenate([[0.0], np.cumsum(steps)])
+        self._speed = np.concatenate([[0.0], np.cumsum(h * (push[1:] + push[:-1]) / 2)])
+        steps = h * self._speed[:-1] + h**2 * (2 * push[:-1] + push[1:]) / 6
+        self._travel = np.concatenate([[0.0], np.cumsum(steps)])
         self._turns = np.flatnonzero(np.diff(np.signbit(push)))
 
     def integrals(self, time: float) -> tuple[float, float]:
         """Speed and travel at a time, of a part that is free throughout."""
         i = min(max(int(self._seconds.searchsorted(time)) - 1, 0), len(self._seconds) - 2)
-        begin, p, rate, v, x = self._piece(i)
-        t = time - begin
-        return v + t * (p + rate * t / 2), x + t * (v + t * (p / 2 + rate * t / 6))
-
-    def _piece(self, i: int) -> tuple[float, float, float, float, float]:
-        """Of the piece after a stamp: its time, the push and its slope there, speed and travel; plain floats."""
         begin, p = float(self._seconds[i]), float(self._push[i])
         rate = (float(self._push[i + 1]) - p) / (float(self._seconds[i + 1]) - begin)
-        return begin, p, rate, float(self.speed[i]), float(self.travel[i])
+        travel, speed = _flown(float(self._travel[i]), float(self._speed[i]), p, rate, time - begin)
+        return speed, travel
 
     def departure(self, side: float, since: float) -> float:
         """When the push first points away from the stop at `side`; infinity for never."""

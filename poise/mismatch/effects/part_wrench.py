@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.geometry import cross
+from poise.geometry import cross, cross_matrix
 from poise.mismatch.effects.part_motion import hanging
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
@@ -34,19 +34,12 @@ def specific_at(recorded: RecordedMotion, place: Array) -> Array:
     return np.asarray(recorded.specific - lever_rates(recorded) @ place)
 
 
-def skew(vectors: Array) -> Array:
-    """(..., 3, 3) the matrix of the cross product v x . of vectors (..., 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    none = np.zeros_like(x)
-    return np.moveaxis(np.array([[none, -z, y], [z, none, -x], [-y, x, none]]), (0, 1), (-2, -1))
-
-
 def lever_rates(recorded: RecordedMotion) -> Array:
     """(N, 3, 3) 1/s2, acceleration against the sensor's origin by the place: alpha x . + omega x (omega x .)."""
 
     def made() -> Array:
-        turning = skew(recorded.angular_velocity)
-        return np.ascontiguousarray(skew(recorded.angular_acceleration) + turning @ turning)
+        turning = cross_matrix(recorded.angular_velocity)
+        return np.ascontiguousarray(cross_matrix(recorded.angular_acceleration) + turning @ turning)
 
     return recorded.once("lever rates", made)
 
@@ -67,10 +60,10 @@ def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tu
         slid: (N,) each: how far along the axis, m, its rate and second rate.
     """
     along, rate, second = (part[:, None] for part in slid)
-    about = skew(axis)
+    about = cross_matrix(axis)
     swept = along * (lever_rates(recorded) @ axis) + (2.0 * rate) * (recorded.angular_velocity @ about)
     beyond = axis * second + swept
-    torque = (along * (specific_at(recorded, place) - beyond)) @ about.T - beyond @ skew(place).T
+    torque = (along * (specific_at(recorded, place) - beyond)) @ about.T - beyond @ cross_matrix(place).T
     return np.concatenate([-beyond, torque], axis=1)
 
 

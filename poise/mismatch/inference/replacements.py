@@ -61,7 +61,6 @@ def _delays(
     candidates: Mapping[str, EffectCandidate],
 ) -> dict[str, EffectCandidate]:
     """Delays in the place of another one, compared in full: the smoothing in the calibration is as late as each."""
-
     delays = {name: each for name, each in candidates.items() if each.effect.delay and (each.gain > 0.0 or each is own)}
     fits = {
         name: _fitted(state, problem, (*others, FittedEffect(each.effect, each.values)))
