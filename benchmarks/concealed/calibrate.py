@@ -1,13 +1,13 @@
 """What the probabilities are worth: `python -m benchmarks.concealed.calibrate DIR ... [--foreign DIR ...]`.
 
-Fits the weights of `poise.mismatch.answer.belief` (Platt's scaling: logistic in what speaks for a name) on answers to
-cases of two generators that serve no other purpose: DIR of benchmarks.concealed (seeds `calibration`), and DIR of
-benchmarks.foreign (seeds `dev`). A half of the cases is fitted and the other half judges, then the halves change
-places, and each generator judges the weights of the other; the weights of all together go into belief.py.
+Fits the weights of `poise.mismatch.answer.belief_probability` on answers to cases of two generators: DIR of
+benchmarks.concealed (seeds `calibration`), and DIR of benchmarks.foreign (seeds `calibration`, and older final ones).
+A half of the cases is fitted and the other half judges, then the halves change places; each folder judges the weights
+of the others. The weights of all together go into belief.py.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,41 +21,34 @@ from benchmarks.concealed.seals import open_seals, private_file
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
 from benchmarks.foreign.seals import unseal
-from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis
-from poise.types import Array, Mask
+from poise.mismatch.answer import BeliefBasis, belief_probability
+from poise.types import Array
 
-WIDTH = 3.0
-"""One sigma of the weights' prior: what is never seen must not become infinitely sure."""
+PRIOR_MEAN, PRIOR_WIDTH = np.array([0.0, 1.0, 0.0, -2.0]), np.array([5.0, 1.0, 0.5, 1.5])
+"""One sigma of the weights' prior: what is never seen must not become infinitely sure, and rivals that do as well are
+equal until many cases say otherwise."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Stated:
-    """Names that the tool gave: what speaks for each (K, p), its rivals (K,), is it true (K,), its probability (K,).
+    """A name that the tool gave: what it is based on, is it true, its probability, its case and its folder."""
 
-    `case` and `source` (K,) number the cases and the generators.
-    """
-
-    speaks: Array
-    rivals: Array
-    true: Mask
-    said: Array
-    case: Array
-    source: Array
+    basis: BeliefBasis
+    true: bool
+    said: float
+    case: int
+    folder: Path
 
 
-def stated(concealed: list[Path], foreign: list[Path]) -> Stated:
+def stated(concealed: Iterable[Path], foreign: Iterable[Path]) -> list[Stated]:
     """Every name of all answers in some folders."""
-    rows = []
-    for source, folders in enumerate((concealed, foreign)):
-        for folder in folders:
-            for number, (known, effects) in enumerate(_concealed(folder) if source == 0 else _foreign(folder)):
-                for effect in effects:
-                    basis = BeliefBasis(**effect["basis"])
-                    rows.append(
-                        (*basis.terms, basis.rivals, effect["name"] in known, effect["probability"], number, source)
-                    )
-    table = np.array(rows, dtype=np.float64)
-    return Stated(table[:, :-5], table[:, -5], table[:, -4] > 0.5, table[:, -3], table[:, -2], table[:, -1])
+    folders = [(folder, _concealed) for folder in concealed] + [(folder, _foreign) for folder in foreign]
+    return [
+        Stated(BeliefBasis(**effect["basis"]), effect["name"] in known, effect["probability"], number, folder)
+        for folder, read in folders
+        for number, (known, effects) in enumerate(read(folder))
+        for effect in effects
+    ]
 
 
 def _concealed(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
@@ -76,28 +69,25 @@ def _foreign(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
         yield known, [effect for effect in effects if effect["basis"] is not None]
 
 
-def fitted(names: Stated, among: Mask) -> Array:
-    """(p,) most likely weights, with a normal prior."""
+def fitted(names: Sequence[Stated]) -> Array:
+    """(4,) most likely weights, with a normal prior."""
 
     def loss(weights: Array) -> float:
-        probability = probabilities(names, weights)[among]
-        likelihood = np.where(names.true[among], probability, 1.0 - probability)
-        return float(-np.sum(np.log(np.maximum(likelihood, 1e-12))) + 0.5 * np.sum((weights / WIDTH) ** 2))
+        likelihood = [each if name.true else 1.0 - each for name, each in zip(names, said(names, weights), strict=True)]
+        return float(-np.sum(np.log(likelihood)) + 0.5 * np.sum(((weights - PRIOR_MEAN) / PRIOR_WIDTH) ** 2))
 
-    return np.asarray(minimize(loss, np.zeros(names.speaks.shape[1]), method="BFGS").x)
-
-
-def probabilities(names: Stated, weights: Array) -> Array:
-    """(K,) that the names are true: the library holds the truth, and the rivals share it."""
-    library = 1.0 / (1.0 + np.exp(-names.speaks @ weights))
-    return np.asarray(np.minimum(library / (1.0 + names.rivals), MAX_PROBABILITY))
+    return np.asarray(minimize(loss, PRIOR_MEAN, method="Powell").x)
 
 
-def judged(names: Stated, among: Mask, weights: Array) -> tuple[float, float]:
-    """Expected calibration error and Brier's score of weights on names they were not fitted to."""
-    chosen = zip(probabilities(names, weights)[among], names.true[among], strict=True)
-    pairs = [(float(p), bool(t)) for p, t in chosen]
-    return calibration_error(pairs) or 0.0, brier(pairs) or 0.0
+def said(names: Sequence[Stated], weights: Array) -> list[float]:
+    """The probabilities of names."""
+    return [belief_probability(name.basis, weights.tolist()) for name in names]
+
+
+def judged(names: Sequence[Stated], probabilities: Sequence[float]) -> str:
+    """Expected calibration error and Brier's score."""
+    pairs = [(each, name.true) for each, name in zip(probabilities, names, strict=True)]
+    return f"{len(pairs)} names, calibration error {calibration_error(pairs):.3f}, Brier {brier(pairs):.3f}"
 
 
 def main() -> None:
@@ -106,15 +96,15 @@ def main() -> None:
     parser.add_argument("--foreign", type=Path, nargs="*", default=[], help="folders of benchmarks.foreign")
     arguments = parser.parse_args()
     names = stated(arguments.concealed, arguments.foreign)
-    print(f"{len(names.true)} names, {names.true.mean():.3f} of them true")
-    pairs = [(float(p), bool(t)) for p, t in zip(names.said, names.true, strict=True)]
-    print(f"as stated: calibration error {calibration_error(pairs):.3f}, Brier {brier(pairs):.3f}")
-    parts = {f"half {half}": names.case % 2 == half for half in (0, 1)}
-    parts |= {what: names.source == k for k, what in enumerate(("concealed", "foreign"))} if arguments.foreign else {}
-    for what, judges in parts.items():
-        error, square = judged(names, judges, fitted(names, ~judges))
-        print(f"{what}, not fitted: {judges.sum()} names, calibration error {error:.3f}, Brier {square:.3f}")
-    print("WEIGHTS =", tuple(fitted(names, np.ones(len(names.true), dtype=bool)).round(2).tolist()))
+    print(f"as stated: {judged(names, [name.said for name in names])}")
+    folders = (*arguments.concealed, *arguments.foreign)
+    parts = {f"half {half}": [name.case % 2 == half for name in names] for half in (0, 1)}
+    parts |= {str(folder): [name.folder == folder for name in names] for folder in folders} if folders[1:] else {}
+    for what, among in parts.items():
+        judges = [name for name, there in zip(names, among, strict=True) if there]
+        others = [name for name, there in zip(names, among, strict=True) if not there]
+        print(f"{what}, not fitted: {judged(judges, said(judges, fitted(others)))}")
+    print("WEIGHTS =", tuple(fitted(names).round(2).tolist()))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
+from poise.mismatch.answer import BeliefBasis, diagnose
 from poise.mismatch.answer.belief import rival_odds
 from poise.mismatch.answer.diagnosis import _misfit
 from poise.mismatch.inference import HeldOutProof
@@ -46,9 +46,14 @@ def test_coarse_readings_are_named_for_what_they_are() -> None:
 
 
 def test_more_evidence_is_surer() -> None:
-    chances = [BeliefBasis(size, 0.0).probability for size in (1.0, 10.0, 100.0, 1e6)]
+    chances = [BeliefBasis(size, 0.0, 0, False).probability for size in (1.0, 10.0, 100.0, 1e6)]
     assert chances == sorted(chances)
-    assert chances[0] < 0.5 < chances[-1] <= MAX_PROBABILITY
+    assert chances[0] < 0.5 < chances[-1] < 1.0
+
+
+def test_an_event_is_less_certain_than_a_lasting_effect() -> None:
+    """A cause outside the library that acts once is followed by an event of it."""
+    assert BeliefBasis(1e6, 0.0, 0, True).probability < 0.95 < BeliefBasis(1e6, 0.0, 0, False).probability
 
 
 def test_a_rival_that_explains_nearly_as_much_counts_where_the_answer_leaves_an_error() -> None:
@@ -60,9 +65,11 @@ def test_a_rival_that_explains_nearly_as_much_counts_where_the_answer_leaves_an_
     assert rival_odds(1e4, 1.1e4, 0.0) == 1.0
 
 
-@pytest.mark.parametrize("rivals", [1.0, 2.0])
-def test_effects_that_fit_equally_well_share_the_belief(rivals: float) -> None:
-    assert BeliefBasis(1e4, rivals).probability <= 1.0 / (1.0 + rivals)
+def test_effects_that_fit_equally_well_share_the_belief() -> None:
+    chances = [BeliefBasis(1e4, rivals, 0, False).probability for rivals in (1.0, 2.0, 4.0)]
+    assert np.all(np.array(chances) < [0.75, 0.6, 0.4])
+    assert chances == sorted(chances, reverse=True)
+    assert BeliefBasis(1e4, 0.0, 1, False).probability < 0.5  # equal by rule: nothing prefers the name
 
 
 def test_an_answer_that_no_sample_could_test_leaves_all_of_the_error() -> None:

@@ -1,6 +1,6 @@
 """The diagnosis: named effects with probabilities, unexplained residuals, the held-out proof, live windows."""
 
-from poise.mismatch.answer.belief import MAX_PROBABILITY, BeliefBasis
+from poise.mismatch.answer.belief import BeliefBasis, belief_probability
 from poise.mismatch.answer.diagnosis import Diagnosis, SignalDiagnosis, diagnose
 from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
@@ -8,7 +8,6 @@ from poise.mismatch.answer.named import NamedEffect, Quantity
 from poise.mismatch.answer.residual_windows import ResidualWindow
 
 __all__ = [
-    "MAX_PROBABILITY",
     "BeliefBasis",
     "Diagnosis",
     "DiscriminatingMotion",
@@ -17,6 +16,7 @@ __all__ = [
     "Quantity",
     "ResidualWindow",
     "SignalDiagnosis",
+    "belief_probability",
     "design_motion",
     "diagnose",
     "effects_called",

@@ -21,9 +21,8 @@ _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (-1.4, 0.8)
-"""Of `BeliefBasis.terms` in the log odds that the library holds the truth: fitted on development cases by
-`benchmarks.concealed.calibrate`."""
+WEIGHTS = (-3.43, 1.0, 0.81, -2.37)
+"""Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
 """Odds relative to the name from which a rival is called indistinguishable."""
@@ -56,21 +55,32 @@ class BeliefBasis:
     Args:
         evidence: `support` of its proof, see `EffectProof`.
         rivals: sum of the odds of other effects and free curves in its place: 1 for one that does as well.
+        equals: rivals that are as likely by rule.
+        once: it is an event: it does not act again in another recording.
     """
 
     evidence: float
     rivals: float
-
-    @property
-    def terms(self) -> tuple[float, ...]:
-        """The regressors of the log odds that the library holds the truth."""
-        return 1.0, math.log(max(self.evidence, 1.0))
+    equals: int
+    once: bool
 
     @property
     def probability(self) -> float:
-        """That the name is true: the library holds the truth, and the rivals share it."""
-        odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
-        return min(1.0 / (1.0 + math.exp(-odds)) / (1.0 + self.rivals), MAX_PROBABILITY)
+        """That the name is true."""
+        return belief_probability(self, WEIGHTS)
+
+
+def belief_probability(basis: BeliefBasis, weights: Sequence[float]) -> float:
+    """Probability of a name: the chance that its evidence is no error of a model, shared with its rivals.
+
+    Args:
+        basis: what speaks for the name and against it.
+        weights: two of a logistic function of the log evidence; the log odds that a name has beside a rival that does
+            as well (the search preferred it); those of an unknown cause that acts once, beside an event.
+    """
+    slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0))
+    rivals = basis.rivals * math.exp(-weights[2]) + basis.equals + basis.once * math.exp(weights[3])
+    return min(1.0 / (1.0 + math.exp(-slope)) / (1.0 + rivals), MAX_PROBABILITY)
 
 
 def beliefs(
@@ -99,28 +109,31 @@ def beliefs(
         # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
         curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
         odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
-        odds = _with_equals(odds, model, part, proof, beside)
+        ruled = _equal_by_rule(model, part, proof, beside)
+        if any(effect_named(rival) is None for rival in ruled):
+            odds.pop(curve, None)
+        odds |= dict.fromkeys(ruled, 1.0)
         # An effect that contains the name and does no better is no rival.
         against = {
             rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
         }
-        basis = BeliefBasis(proof.support, sum(against.values()))
-        reported = sorted(((rival, basis.probability * value) for rival, value in against.items()), key=_second)
+        compared = {rival: value for rival, value in against.items() if rival not in ruled}
+        basis = BeliefBasis(
+            proof.support, sum(compared.values()), len(against) - len(compared), not part.effect.transfers
+        )
+        counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
+        reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
         equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
         kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
         found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis))
     return tuple(found)
 
 
-def _with_equals(
-    odds: dict[str, float], model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str
-) -> dict[str, float]:
-    """The odds of rivals, with those that are equal to a name by rule, see `beliefs`."""
-    if beside and part.effect.free_course:
-        odds = {rival: value for rival, value in odds.items() if effect_named(rival)} | {f"unknown:{beside}": 1.0}
+def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:
+    """Rivals that are as likely as a name by rule, see `beliefs`."""
+    unknown = {f"unknown:{beside}"} if beside and part.effect.free_course else set()
     others = [other.effect for other in model.fit.parts if other.effect.name != part.effect.name]
-    similar = [other.name for other in others if proof.within_noise and alike(other, part.effect)]
-    return odds | dict.fromkeys(similar, 1.0)
+    return unknown | {other.name for other in others if proof.within_noise and alike(other, part.effect)}
 
 
 def rival_odds(own: float, rival: float, misfit: float) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.mismatch.effects import Effect
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, residual_of
@@ -38,6 +39,9 @@ channel: a smaller one may be an error of the measured motion, which a brief eve
 nothing is left at other times, the energy of the whole residual during the event counts."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
+_LEAST_BESIDE = 100.0
+"""log evidence that an event, or an effect beside a stronger one, must win: noise of other families than those of the
+noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
 """Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
 above that of noise, as its share, where it acts."""
@@ -133,8 +137,12 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         whole = state.fitted(problem, best.parts, WARM_STEPS)
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
+        strongest = max((proof.support for proof in proofs), default=0.0)
         lacking = [
-            implausible(problem.recorded, [part]) or immaterial(problem.recorded, part, proof) or proof.lacking
+            implausible(problem.recorded, [part])
+            or immaterial(problem.recorded, part, proof)
+            or proof.lacking
+            or _faint(part.effect, proof, strongest)
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -160,6 +168,17 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
         alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
         return "" if alone or proof.local >= _LEAST_LOCAL else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
+
+
+def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
+    """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
+
+    A lasting effect that is alone explains everything that there is to explain; its probability says how weak it is.
+    """
+    alone = effect.transfers and proof.support >= strongest
+    if alone or isinstance(effect, Dependence) or proof.support >= _LEAST_BESIDE:
+        return ""
+    return f"its evidence, {proof.support:.0f} nats, may come from the noise"
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
