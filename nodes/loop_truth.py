@@ -37,9 +37,9 @@ class LoopTruth:
     def match(self, name: str, pose: Pose, frame: str) -> None:
         """Find the true object of a scanned one: the nearest that no other is."""
         place = (self._to_world(frame) @ pose).translation
+        self._names.pop(name, None)
         free = {true: self._poses[true] for true in self._items if true in self._poses}
         free = {true: there for true, there in free.items() if true not in self._names.values()}
-        self._names.pop(name, None)
         if free:
             self._names[name] = min(free, key=lambda true: float(np.linalg.norm(free[true].translation - place)))
 
@@ -48,12 +48,21 @@ class LoopTruth:
         return self._names.get(name, "")
 
     def weight(self, name: str, frame: str) -> tuple[float, Array] | None:
-        """kg, and (3,) m centre of mass in a frame where it is now."""
-        item = self._items.get(self.name(name))
-        if item is None or item.id not in self._poses:
+        """kg, and (3,) m centre of mass of what the hand holds, in a frame of the hand.
+
+        That is the true object nearest to the hand: the scan may have taken two neighbours for one object.
+        """
+        hand = self._to_world(frame)
+        centres = {
+            true: hand.undo(self._poses[true].apply(_com(item)))
+            for true, item in self._items.items()
+            if true in self._poses
+        }
+        if not centres:
             return None
-        there = self._to_world(frame).inverse @ self._poses[item.id]
-        return item.mass, there.apply(_com(item))
+        held = min(centres, key=lambda true: float(np.linalg.norm(centres[true])))
+        self._names[name] = held
+        return self._items[held].mass, centres[held]
 
     def places(self, frame: str, without: Sequence[str]) -> dict[str, Array]:
         """(3,) m of the true objects that the loop knows, in a frame, by their ids; some left out by their names."""

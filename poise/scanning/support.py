@@ -178,7 +178,9 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     spread = 1.4826 * float(np.median(np.abs(level))) if len(level) else plane.thickness
     floor = max(_LOWEST, 3 * spread)
     known = (count > 0).reshape(shape)
-    raised = ((count > 1) & (mean > floor)).reshape(shape)
+    # A few points at the edges of other things float over the table: what is low has to rise by most of its points.
+    most = np.bincount(number, heights > floor, minlength=len(count)) > 0.5 * count
+    raised = ((count > 1) & (mean > floor) & (most | (mean > NEAR))).reshape(shape)
     return _things(plane, low, raised, known, (number, heights), floor)
 
 
