@@ -11,6 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
+from poise.commands.mismatch_export import (
+    ExportModelOption,
+    IntoOption,
+    PayloadLinkOption,
+    read_model_exports,
+    write_model_exports,
+)
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -88,6 +95,9 @@ def mismatch(
     report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
+    export: ExportModelOption = None,
+    into: IntoOption = None,
+    payload_link: PayloadLinkOption = None,
     deadline: _DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
@@ -101,11 +111,9 @@ def mismatch(
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
     refuse_folder(json_target, "--json")
+    exports = read_model_exports(export, into)
     nominal = NominalModel() if model is None else load_model(model)
-    readings = read_all(bags, nominal)
-    for reading, bag in zip(readings, bags, strict=True):
-        for note in reading.notes:
-            warn(f"{bag}: {note}")
+    readings = _read_with_warnings(bags, nominal)
     recorded, last = joined([reading.recorded for reading in readings])
     if not (recorded.has("wrench") or recorded.has("effort")):
         write_json(json_target, _unexamined(readings))
@@ -117,10 +125,8 @@ def mismatch(
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
-    if separate is not None and design is not None:
-        written.append(write_design(separate, design))
-    if save is not None:
-        written.append(write_whole(save, dump_model(found.augmented).encode()))
+    written += [] if separate is None or design is None else [write_design(separate, design)]
+    written += [] if save is None else [write_whole(save, dump_model(found.augmented).encode())]
     times = spans([reading.recorded for reading in readings])
     recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
     more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
@@ -130,8 +136,17 @@ def mismatch(
     if separate is not None:
         people.print(design_sentence(design), soft_wrap=True)
     print_recordings(people, found, recordings)
+    written += write_model_exports(exports, found, bags[0], nominal, payload_link)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _read_with_warnings(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
+    readings = read_all(bags, nominal)
+    for reading, bag in zip(readings, bags, strict=True):
+        for note in reading.notes:
+            warn(f"{bag}: {note}")
+    return readings
 
 
 def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[str, Any]]) -> None:

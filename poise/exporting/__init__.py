@@ -1,6 +1,7 @@
-"""An identified payload in the formats of simulators, planners and robot controllers.
+"""An identified payload, and what a diagnosis found, in the formats of simulators, planners and robot controllers.
 
-- `base`: `Exporter`, the base class of an entry; `settings`: the frame, the gripper, the robot.
+- `base`: `Exporter`, the base class of an entry; `settings`: the frame, the gripper, the robot; `inertials`: of XML.
+- `models`: changes of the user's own model file, see there.
 - Every other file: formats of one product. See docs/export.md and docs/add_an_exporter.md.
 """
 
@@ -8,6 +9,7 @@ from functools import cache
 
 from poise.errors import ErrorCode, InputError
 from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter, is_doubtful
+from poise.exporting.inertials import numbers, sdf_inertial, urdf_inertial
 from poise.exporting.settings import ExportSettings, GripperLoad
 from poise.inertia import InertialEstimate
 from poise.registry import entries_of
@@ -23,6 +25,9 @@ __all__ = [
     "exported_payload",
     "exporter_of",
     "is_doubtful",
+    "numbers",
+    "sdf_inertial",
+    "urdf_inertial",
 ]
 
 

@@ -151,11 +151,6 @@ def is_doubtful(finding: EstimateFinding) -> bool:
     return finding.code not in _SEPARATE or "other_mass" in finding.evidence
 
 
-def numbers(values: Array) -> str:
-    """Values with a space between, to full precision."""
-    return " ".join(repr(float(value)) for value in np.ravel(values))
-
-
 def decimals(values: Array) -> str:
     """Values with a comma between, without exponents, for the languages of robot controllers."""
     return ", ".join(f"{float(value):.9f}" for value in np.ravel(values))

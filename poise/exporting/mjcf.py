@@ -1,6 +1,7 @@
 """MJCF: a body for MuJoCo (https://mujoco.readthedocs.io/en/stable/XMLreference.html#body-inertial)."""
 
-from poise.exporting.base import ExportedPayload, Exporter, numbers
+from poise.exporting.base import ExportedPayload, Exporter
+from poise.exporting.inertials import numbers
 
 
 class MjcfExporter(Exporter):

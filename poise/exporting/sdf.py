@@ -1,8 +1,7 @@
 """SDFormat: a model for Gazebo (http://sdformat.org/spec?elem=link#inertial)."""
 
-from poise.exporting.base import ExportedPayload, Exporter, numbers
-
-_AXES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+from poise.exporting.base import ExportedPayload, Exporter
+from poise.exporting.inertials import sdf_inertial
 
 
 class SdfExporter(Exporter):
@@ -13,19 +12,12 @@ class SdfExporter(Exporter):
 
     def text(self, payload: ExportedPayload) -> str:
         """A model of one link."""
-        inertia = "".join(
-            f"<{name}>{value}</{name}>" for name, value in zip(_AXES, numbers(payload.six).split(), strict=True)
-        )
         return f"""<?xml version="1.0"?>
 <!-- {payload.remark} -->
 <sdf version="1.9">
   <model name="payload">
     <link name="payload">
-      <inertial>
-        <pose>{numbers(payload.parameters.com)} 0 0 0</pose>
-        <mass>{payload.parameters.mass!r}</mass>
-        <inertia>{inertia}</inertia>
-      </inertial>
+      {sdf_inertial(payload.parameters)}
     </link>
   </model>
 </sdf>

@@ -3,14 +3,11 @@
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-
 from poise.errors import ErrorCode, InputError
-from poise.exporting.base import ExportedPayload, Exporter, numbers
+from poise.exporting.base import ExportedPayload, Exporter
+from poise.exporting.inertials import urdf_inertial
 from poise.inertia import InertialParameters
 from poise.robot import RobotModel, parse_urdf, phi_in_link
-
-_AXES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 class UrdfExporter(Exporter):
@@ -70,7 +67,7 @@ class UrdfLinkExporter(Exporter):
         for old in link.findall("inertial"):
             link.remove(old)
         link.insert(0, ElementTree.Comment(f" {payload.remark} "))
-        link.insert(1, ElementTree.fromstring(_inertial(both)))
+        link.insert(1, ElementTree.fromstring(urdf_inertial(both)))
         return ElementTree.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
 
 
@@ -108,19 +105,9 @@ def _robot_description(kind: str, payload: ExportedPayload) -> str:
 
 def _link_and_joint(name: str, payload: ExportedPayload) -> str:
     return f"""  <link name="{name}">
-    {_inertial(payload.parameters)}
+    {urdf_inertial(payload.parameters)}
   </link>
   <joint name="{name}_mount" type="fixed">
     <parent link={quoteattr(payload.frame_id)}/>
     <child link="{name}"/>
   </joint>"""
-
-
-def _inertial(parameters: InertialParameters) -> str:
-    six = numbers(parameters.inertia[np.triu_indices(3)]).split()
-    inertia = " ".join(f'{name}="{value}"' for name, value in zip(_AXES, six, strict=True))
-    return f"""<inertial>
-      <origin xyz="{numbers(parameters.com)}" rpy="0 0 0"/>
-      <mass value="{parameters.mass!r}"/>
-      <inertia {inertia}/>
-    </inertial>"""

@@ -1,7 +1,18 @@
-"""Use of a model with effects: simulate a motion, compensate a recording, state the known load."""
+"""Use of a model with effects: simulate a motion, compensate a recording, state the known load, values to export."""
 
 from poise.mismatch.application.compensation import CompensatedWrench, compensate
 from poise.mismatch.application.known_load import loads_about
+from poise.mismatch.application.model_values import found_payload, joint_values, without_place
 from poise.mismatch.application.simulated_run import SimulatedRun, run_planned, run_recorded
 
-__all__ = ["CompensatedWrench", "SimulatedRun", "compensate", "loads_about", "run_planned", "run_recorded"]
+__all__ = [
+    "CompensatedWrench",
+    "SimulatedRun",
+    "compensate",
+    "found_payload",
+    "joint_values",
+    "loads_about",
+    "run_planned",
+    "run_recorded",
+    "without_place",
+]

@@ -11,7 +11,7 @@ from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_p
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
-from poise.mismatch.effects.joint_friction import joint_unit
+from poise.mismatch.effects.joint_friction import joint_unit, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
@@ -33,6 +33,7 @@ __all__ = [
     "effect_named",
     "joint_columns",
     "joint_unit",
+    "numbered_joints",
     "rotation_columns",
     "slow_part",
     "tilt_columns",

@@ -40,6 +40,12 @@ def numbers(recorded: RecordedMotion) -> tuple[int, ...]:
     return tuple(arm.index(name) + 1 for name in names)
 
 
+def numbered_joints(recorded: RecordedMotion) -> dict[int, str]:
+    """The joints with a measured effort by their numbers."""
+    names = () if recorded.effort is None else recorded.effort.names
+    return dict(zip(numbers(recorded), names, strict=True))
+
+
 def sense(recorded: RecordedMotion, width: float = COULOMB_TRANSITION) -> Array:
     """(M, J) sign of the velocity, smooth through zero within a width in rad/s."""
     return np.tanh(efforts(recorded).velocity / width)
@@ -71,8 +77,7 @@ def _usual(values: Array) -> Array:
 
 def joint_called(recorded: RecordedMotion, number: float) -> str:
     """The name of a joint by its number."""
-    names = dict(zip(numbers(recorded), efforts(recorded).names, strict=True))
-    return names.get(round(number), f"joint {number:.0f}")
+    return numbered_joints(recorded).get(round(number), f"joint {number:.0f}")
 
 
 def column_of(recorded: RecordedMotion, number: float) -> int:

@@ -1,0 +1,32 @@
+"""URDF (http://wiki.ros.org/urdf/XML/joint): `dynamics` of the joints, `inertial` of the payload's link."""
+
+from poise.exporting import urdf_inertial
+from poise.exporting.models.base import ModelChanges, ModelExporter
+from poise.exporting.models.names import found_by_name
+from poise.exporting.models.xml_text import XmlText
+
+
+class UrdfModelExporter(ModelExporter):
+    """`dynamics` of joints; a URDF has no place for the inertia of rotors."""
+
+    kind = "urdf"
+    summary = "URDF: dynamics (friction, damping) of the joints, the inertial of the payload's link"
+    omits = ("armature",)
+
+    def written(self, changes: ModelChanges, source: bytes) -> bytes:
+        """See `ModelExporter`."""
+        text = XmlText(source, "robot")
+        for joint, change in changes.joints.items():
+            element = found_by_name(text.root.children, "joint", joint)
+            values = {name: repr(value) for name, value in change.values.items()}
+            dynamics = element.child("dynamics")
+            if dynamics is not None:
+                text.set_attributes(dynamics, values)
+            elif values:
+                attributes = " ".join(f'{name}="{value}"' for name, value in values.items())
+                text.insert_first(element, f"<dynamics {attributes}/>")
+        if changes.payload is not None:
+            link = found_by_name(text.root.children, "link", changes.payload.link)
+            inertial, old = urdf_inertial(changes.payload.parameters), link.child("inertial")
+            text.insert_first(link, inertial) if old is None else text.replace(old, inertial)
+        return text.changed(changes.remark)

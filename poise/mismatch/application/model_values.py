@@ -1,0 +1,84 @@
+"""What a diagnosis says of the joints and the payload, as values that simulators and robot descriptions have."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.errors import ErrorCode, NoAnswerError
+from poise.inertia.model import InertialParameters
+from poise.mismatch.answer import Diagnosis
+from poise.mismatch.application.known_load import known_load
+from poise.mismatch.effects import numbered_joints
+from poise.mismatch.reading import ModelEffect
+
+_PAYLOAD = "payload_parameters"
+_LIKELY = 0.5
+"""Probability from which a finding changes a model."""
+_VALUES = {
+    ("coulomb_friction", "torque"): "friction",
+    ("stribeck_friction", "torque"): "friction",
+    ("stribeck_friction", "damping"): "damping",
+    ("viscous_friction", "damping"): "damping",
+    ("motor_inertia", "inertia"): "armature",
+}
+_LOST = {"stribeck_friction": "the stiction at low speed", "coulomb_friction": "the asymmetry and width"}
+
+
+def joint_values(found: Diagnosis) -> dict[str, dict[str, float]]:
+    """Friction, N m, damping, N m s/rad, and armature, kg m2, of joints by name; for slides N, N s/m and kg.
+
+    Those of the nominal model and of the likely findings, added.
+    """
+    joints = numbered_joints(found.main.problem.recorded)
+    values: dict[str, dict[str, float]] = {}
+    for effect in _effects(found):
+        for parameter, value in effect.values.items():
+            name, _, number = parameter.rpartition("_")
+            kind = _VALUES.get((effect.name, name))
+            if kind is not None:
+                of_joint = values.setdefault(joints[int(number)], {})
+                of_joint[kind] = of_joint.get(kind, 0.0) + value
+    return values
+
+
+def found_payload(found: Diagnosis) -> InertialParameters | None:
+    """The payload in the sensor frame; None when no likely finding changes it.
+
+    Where no body has the inertia that was found, because the motion does not show it, that of the nominal payload about
+    its centre of mass is scaled by the mass.
+
+    Raises:
+        InputError: as `known_load`.
+        NoAnswerError: NOT_CONSISTENT for a mass that is not positive.
+    """
+    if all(effect.name != _PAYLOAD for effect in _effects(found)):
+        return None
+    load = InertialParameters.from_phi(known_load(found.augmented)[0])
+    if load.mass <= 0.0:
+        raise NoAnswerError(ErrorCode.NOT_CONSISTENT, f"no model has a payload of {load.mass:.3f} kg")
+    if load.is_consistent:
+        return load
+    nominal = InertialParameters.from_phi(found.main.problem.recorded.phi)
+    inertia = nominal.inertia * load.mass / nominal.mass if nominal.mass > 0.0 else np.zeros((3, 3))
+    return InertialParameters(load.mass, load.com, inertia)
+
+
+def without_place(found: Diagnosis) -> list[str]:
+    """What of the answer is neither a value of a joint nor the payload, or is too uncertain, as clauses."""
+    known = {effect for effect, _ in _VALUES}
+    clauses = [
+        f"{each.effect.name}, whose probability is {each.belief.probability:.0%}"
+        for each in found.findings
+        if each.belief.probability < _LIKELY
+    ]
+    for effect in _effects(found):
+        if effect.name in _LOST:
+            clauses.append(f"{_LOST[effect.name]} of {effect.name}")
+        elif effect.name not in known and effect.name != _PAYLOAD:
+            clauses.append(f"{effect.name}, which is no value of a joint or of the payload")
+    return clauses
+
+
+def _effects(found: Diagnosis) -> Iterable[ModelEffect]:
+    likely = [each.component for each in found.findings if each.belief.probability >= _LIKELY]
+    return (*found.main.problem.model.effects, *likely)
