@@ -1,7 +1,8 @@
 """Whole loops of random objects in the fake robot: `python -m benchmarks.loop [--seeds 5] [--first 100] [--kill NODE]`.
 
 Each seed is one run of `poise loop`, with its nodes as processes, in real time. With `--kill any` one node is killed by
-SIGKILL at a random time of each loop. The stack of each loop is then carried in MuJoCo at 0.8, 1.0 and 1.5 times the limits.
+SIGKILL at a random time of each loop. The stack of each loop is then carried in MuJoCo at 0.8, 1.0 and 1.5 times its
+limits.
 """
 
 import argparse
