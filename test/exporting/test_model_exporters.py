@@ -19,7 +19,7 @@ MJCF = b"""<?xml version="1.0"?>
   <default><joint damping="0.3" frictionloss='0.1'/></default>
   <worldbody>
     <body name="upper" pos="0 0 0.3">
-      <joint   name="one" axis="0 0 1"   damping = '9'/><site name="a > b"/>
+      <joint   name="one" axis="0 0 1"   damping = '9'/><site name="a > b, damping = 'c'"/>
       <geom type="capsule" size=".03 .1"/>
       <body name="lower" pos="0 0 0.2"><joint name='two' axis="0 1 0"></joint>
         <geom type="capsule" size=".02 .1"/>
@@ -121,6 +121,7 @@ def test_every_other_byte_stays(kind: str) -> None:
         ("mjcf", MJCF[:-20], {"one": JointChange(1.0)}, "not well-formed"),
         ("mjcf", b'<!DOCTYPE m [<!ENTITY a "b">]>' + MJCF[22:], {"one": JointChange(1.0)}, "entities"),
         ("mjcf", b'<mujoco><include file="a.xml"/></mujoco>', {"one": JointChange(1.0)}, "it names other files"),
+        ("urdf", URDF.decode().encode("utf-16"), {"one": JointChange(1.0)}, "not UTF-8"),
         ("sdf", SDF.replace(b'"two"', b'"one"'), {"one": JointChange(1.0)}, "2 joints named one"),
         ("urdf", URDF, {"one": JointChange(armature=1.0)}, "nothing to write: armature"),
         ("urdf", URDF, {}, "names no effect"),

@@ -9,6 +9,7 @@ from xml.sax.saxutils import quoteattr
 from poise.errors import ErrorCode, InputError
 
 _MAX_BYTES = 50_000_000
+_ATTRIBUTE = re.compile(rb"([^\s=<>/]+)\s*=\s*(?:\"[^\"]*\"|'[^']*')")
 
 
 @dataclass(eq=False)
@@ -48,7 +49,7 @@ class XmlText:
         root: name of the root element that it must have.
 
     Raises:
-        InputError: BAD_INPUT for no XML, entities (they can grow without bound), or another root.
+        InputError: BAD_INPUT for no XML, entities (they can grow without bound), UTF-16, or another root.
     """
 
     def __init__(self, source: bytes, root: str) -> None:
@@ -56,6 +57,8 @@ class XmlText:
         self._edits: list[tuple[int, int, bytes]] = []
         if len(source) > _MAX_BYTES:
             raise InputError(ErrorCode.BAD_INPUT, f"the model has more than {_MAX_BYTES} bytes")
+        if b"\0" in source:
+            raise InputError(ErrorCode.BAD_INPUT, "the model is not UTF-8 text")
         try:
             self.root = _parsed(source)
         except expat.ExpatError as error:
@@ -132,8 +135,10 @@ def _parsed(source: bytes) -> XmlElement:
 
 def _with_attribute(tag: bytes, name: bytes, given: bytes) -> bytes:
     """A start tag with an attribute, in the place of the one that it has."""
-    changed, count = re.subn(rb"(?<=\s)" + name + rb"\s*=\s*(\"[^\"]*\"|'[^']*')", lambda _: given, tag)
-    return changed if count else re.sub(rb"\s*(/?>)$", lambda end: b" " + given + end.group(1), tag)
+    for found in _ATTRIBUTE.finditer(tag):
+        if found[1] == name:
+            return tag[: found.start()] + given + tag[found.end() :]
+    return re.sub(rb"\s*(/?>)$", lambda end: b" " + given + end[1], tag)
 
 
 def _end_of_tag(source: bytes, begin: int) -> int:
