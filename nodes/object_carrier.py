@@ -88,7 +88,7 @@ class ObjectCarrier(MovingNode):
         place = np.array([*pose.translation[:2], yaw])
         self._odom, self._heard = (place, message.header.frame_id, message.child_frame_id), time.monotonic()
         if self._running is not None:
-            self._running.add_odometry(place, self._heard)
+            self._running.add_odometry(place, self._heard, 1e-9 * stamp_of(message))
 
     # -- a goal -----------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 Knows nothing of ROS; `tick` gives the command of the moment.
 """
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ _AT_REST = 1e-3
 """m/s and rad/s of the command at which it stops at once."""
 _LONGEST_STOP = 4.0
 """Times what it takes under the limits of the plan: a stop takes no longer when limits have fallen on the way."""
+_LONGEST_DELAY = 1.0
+"""s that odometry may be taken to be late; stamps that say more are of a clock that runs otherwise."""
 _LONGEST_TICK = 0.1
 """s: after a pause, commands go on from where they were."""
 
@@ -58,6 +61,9 @@ class BaseExecution:
         self._stopping = limits.times(1 / _LONGEST_STOP)
         self._ticked = self._heard = now
         self._time = 0.0  # s of the plan; it waits while the program is held up, and when the base stops
+        self._ticks = deque([(now, 0.0)], maxlen=256)  # s of the clock of all calls, s of the plan
+        self._least = np.inf  # s from a stamp to its arrival; its zero has no meaning, as the clocks are two
+        self._planned = 0.0  # s of the plan when the pose was measured
         self._pose: Array | None = None
         self._velocity = np.zeros(3)  # commanded: x, y m/s in the frame of the odometry, rad/s
         self.used = self.distance = 0.0
@@ -77,11 +83,18 @@ class BaseExecution:
         """0 to 1, by time."""
         return float(np.clip(self._time / self._motion.duration, 0.0, 1.0))
 
-    def add_odometry(self, pose: Array, now: float) -> None:
-        """Take a pose (3,): x, y, m, and yaw, rad."""
+    def add_odometry(self, pose: Array, now: float, stamp: float = 0.0) -> None:
+        """Take a pose (3,): x, y, m, and yaw, rad; `stamp`, s of any clock: when it was measured; 0: now.
+
+        A message is late by what it took longer than the fastest one: a busy machine does not move the base.
+        """
         if not np.isfinite(pose).all():
             return
         self._heard = now
+        self._least = min(self._least, now - stamp) if stamp else self._least
+        late = min(now - stamp - self._least, _LONGEST_DELAY) if stamp else 0.0
+        ticks, times = np.array(self._ticks).T
+        self._planned = float(np.interp(now - late, ticks, times) + max(now - late - ticks[-1], 0.0))
         if self._pose is not None:
             self.distance += float(np.linalg.norm(pose[:2] - self._pose[:2]))
         self._pose = np.asarray(pose, dtype=np.float64)
@@ -97,6 +110,7 @@ class BaseExecution:
         wanted = np.zeros(3)
         if self._fault is None:
             self._time += passed if self._pose is not None else 0.0
+            self._ticks.append((now, self._time))
             try:
                 wanted = self._wanted(now)
             except PoiseError as error:
@@ -119,7 +133,7 @@ class BaseExecution:
                 ErrorCode.SENSOR_STALE, "odom has stopped, and the base was brought to rest: start its driver"
             )
         rate = self._motion.at(self._time)[1]
-        place = self._motion.at(self._time - (now - self._heard))[0]  # when the odometry was heard
+        place = self._motion.at(min(self._planned, self._time))[0]  # when the odometry was measured
         if self._pose is None:
             return np.zeros(3)
         off = place - self._pose

@@ -80,6 +80,24 @@ def test_it_comes_to_rest_within_the_limits(fault):
     assert max(base.shares) < 0.8 * 1.05
 
 
+def test_odometry_that_comes_late_is_judged_by_its_stamp():
+    errors = []
+    for stamped in (True, False):
+        base = Base([(3.0, 0.0, 0.3)])
+        running, measured = base.running, []
+        base.speaks = False
+        while not running.done:
+            measured.append((base.pose, base.now))
+            late = 20 if 0.4 < running.progress < 0.6 else 0  # ticks: 0.4 s
+            pose, then = measured[-1 - late]
+            running.add_odometry(pose, base.now, 500.0 + then if stamped else 0.0)
+            end = base.now + 0.9 * TICK
+            base.run(lambda end=end, base=base: base.now > end)
+        errors.append(running.error)
+    assert errors[0] is None
+    assert errors[1].code is ErrorCode.NOT_FOLLOWING
+
+
 def test_limits_that_fall_on_the_way_hold_from_then_on():
     base = Base([(3.0, 0.0, 0.3)])
     base.run(lambda: base.running.progress > 0.3)
