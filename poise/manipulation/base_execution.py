@@ -143,12 +143,14 @@ class BaseExecution:
         if late > 0 and size <= self._tolerances.arrival and np.abs(self._velocity).max() < 20 * _AT_REST:
             self.done = True
             return np.zeros(3)
-        if size > self._tolerances.path or late > self._tolerances.slack:
-            raise NoAnswerError(
-                ErrorCode.NOT_FOLLOWING,
-                f"the base is {1e3 * float(np.linalg.norm(off[:2])):.0f} mm and {abs(off[2]):.2f} rad off its path:"
-                " does it listen to cmd_vel, and is its way free",
-            )
+        where = f"{1e3 * float(np.linalg.norm(off[:2])):.0f} mm and {abs(off[2]):.2f} rad off its"
+        if size > self._tolerances.path:
+            advice = "does it listen to cmd_vel, and is its way free"
+            raise NoAnswerError(ErrorCode.NOT_FOLLOWING, f"the base is {where} path: {advice}")
+        if late > self._tolerances.slack:
+            speed = float(np.linalg.norm(self._velocity[:2]))
+            rest = f"{late:.1f} s after its plan ended, and still drives at {speed:.3f} m/s"
+            raise NoAnswerError(ErrorCode.NOT_FOLLOWING, f"the base is {where} goal {rest}: is its way free")
         return np.asarray(rate + _GAIN * off)
 
     def _command(self, wanted: Array, passed: float) -> None:
