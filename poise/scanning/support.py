@@ -178,18 +178,19 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     spread = 1.4826 * float(np.median(np.abs(level))) if len(level) else plane.thickness
     floor = max(_LOWEST, 3 * spread)
     known = (count > 0).reshape(shape)
+    raised = ((count > 1) & (mean > floor)).reshape(shape)
     # A few points at the edges of other things float over the table: what is low has to rise by most of its points.
     most = np.bincount(number, heights > floor, minlength=len(count)) > 0.5 * count
-    raised = ((count > 1) & (mean > floor) & (most | (mean > NEAR))).reshape(shape)
-    return _things(plane, low, raised, known, (number, heights), floor)
+    solid = raised & (most | (mean > NEAR)).reshape(shape)
+    return _things(plane, low, (raised, solid), known, (number, heights), floor)
 
 
 def _things(
-    plane: Plane, low: Array, raised: Mask, known: Mask, seen: tuple[Indices, Array], floor: float
+    plane: Plane, low: Array, raised_solid: tuple[Mask, Mask], known: Mask, seen: tuple[Indices, Array], floor: float
 ) -> tuple[list[Footprint], Array]:
-    """Footprints of the pieces of a height map."""
-    raised = ndimage.binary_opening(raised, np.ones((2, 2)))
-    labels, _ = ndimage.label(ndimage.binary_dilation(raised, iterations=_JOIN), np.ones((3, 3)))
+    """Footprints of the pieces of a height map: its raised cells, of which the solid ones say what is one piece."""
+    raised, solid = (ndimage.binary_opening(cells, np.ones((2, 2))) for cells in raised_solid)
+    labels = _separated(_pieces(raised), _pieces(solid) * solid)
     areas = np.bincount(labels[raised], minlength=labels.max() + 1) * CELL**2
     order = [piece for piece in np.argsort(-areas[1:], kind="stable")[:_MOST] + 1 if areas[piece] >= _LEAST_AREA]
     if not order:
@@ -207,3 +208,21 @@ def _things(
         middle = low + CELL * (np.argwhere(cells & raised).mean(axis=0) + 0.5)
         middles.append(plane.axes.T @ np.array([*middle, plane.offset + footprints[-1].top / 2]))
     return footprints, np.array(middles)
+
+
+def _pieces(cells: Mask) -> Indices:
+    """(X, Y) numbers of the pieces of a map, with the cells around them; 0 elsewhere."""
+    return np.asarray(ndimage.label(ndimage.binary_dilation(cells, iterations=_JOIN), np.ones((3, 3)))[0])
+
+
+def _separated(labels: Indices, solid: Indices) -> Indices:
+    """The labels of pieces, where several solid pieces are in one, each with the cells that are nearest to it."""
+    areas = np.bincount(solid.ravel()) * CELL**2
+    out = labels.copy()
+    for piece in range(1, int(labels.max()) + 1):
+        own = np.where(labels == piece, solid, 0)
+        own[areas[own] < _LEAST_AREA] = 0
+        if len(np.unique(own[own > 0])) > 1:
+            nearest = ndimage.distance_transform_edt(own == 0, return_distances=False, return_indices=True)
+            out[labels == piece] = (int(out.max()) + own[tuple(nearest)])[labels == piece]
+    return np.unique(out, return_inverse=True)[1].reshape(out.shape)
