@@ -93,7 +93,7 @@ def write_model_exports(
     """Write every request, or nothing when one of them cannot be; return the files.
 
     Raises:
-        InputError: as `ModelExporter.changed`; FRAME_UNKNOWN; FILE_UNREADABLE, FILE_UNWRITABLE.
+        PoiseError: as `ModelExporter.changed` and `found_payload`; FRAME_UNKNOWN; FILE_UNREADABLE, FILE_UNWRITABLE.
     """
     if not requests:
         return []

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from poise.errors import InputError
+from poise.errors import PoiseError
 from poise.exporting.models import JointChange, LinkLoad, ModelChanges, model_exporter_of
 from poise.inertia import InertialParameters
 
@@ -129,5 +129,5 @@ def test_every_other_byte_stays(kind: str) -> None:
     ],
 )
 def test_what_cannot_be_written_is_said(kind: str, source: bytes, changes: dict[str, JointChange], words: str) -> None:
-    with pytest.raises(InputError, match=re.escape(words)):
+    with pytest.raises(PoiseError, match=re.escape(words)):
         model_exporter_of(kind).changed(ModelChanges(changes), source)

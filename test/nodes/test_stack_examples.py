@@ -117,7 +117,7 @@ def test_a_tree_asks_without_blocking_and_the_certified_bound_decides(graph, sta
         TREE.StackHolds(graph.node, push(name), force, deadline=20.0)
         for name, force in (("parcel", 0.5), ("parcel", 500.0), ("nothing", 0.5))
     )
-    assert ended(gentle) is TREE.Status.SUCCESS
+    assert ended(gentle) is TREE.Status.SUCCESS, gentle.why
     assert ended(hard) is TREE.Status.FAILURE
     assert "may move" in hard.why
     assert ended(unknown) is TREE.Status.FAILURE

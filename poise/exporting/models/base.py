@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia import InertialParameters
 
 PAYLOAD = "payload"
@@ -115,10 +115,11 @@ class ModelExporter(ABC):
         """The file with what this format can express of some changes; what it cannot is named in its head.
 
         Raises:
-            InputError: BAD_INPUT when nothing is left to write; as `written`.
+            InputError: as `written`.
+            NoAnswerError: NOT_IDENTIFIABLE when nothing is left to write.
         """
         kept = changes.without(self.omits)
         if self.needs_source and not kept.kinds:
             reasons = "; ".join(kept.left_out) or "the diagnosis names no effect"
-            raise InputError(ErrorCode.BAD_INPUT, f"export {self.kind}: nothing to write: {reasons}")
+            raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"export {self.kind}: nothing to write: {reasons}")
         return self.written(kept, source)
