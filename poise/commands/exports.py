@@ -125,25 +125,47 @@ class ExportPlan:
             phi = RobotModel.from_urdf(description, estimate.frame_id).load_in_sensor
             settings = replace(settings, gripper=GripperLoad(InertialParameters.from_phi(phi)))
         if self.frame is not None:
-            fixed = fixed_frames(estimate.frame_id, recording, description)
-            if self.frame not in fixed:
-                raise InputError(
-                    ErrorCode.FRAME_UNKNOWN,
-                    f"--frame {self.frame}: no frame of this name is fixed to {estimate.frame_id}; these are:"
-                    f" {', '.join(fixed)}; or give --flange-pose",
-                )
-            settings = replace(settings, frame_id=self.frame, frame_from_sensor=fixed[self.frame])
+            asked, advice = f"--frame {self.frame}", "; or give --flange-pose"
+            pose = fixed_pose(asked, self.frame, estimate.frame_id, recording, description, advice)
+            settings = replace(settings, frame_id=self.frame, frame_from_sensor=pose)
         return settings
 
     def _robot_description(self, recording: Recording, required: bool) -> str | None:
-        if self.urdf is not None:
-            return read_urdf(find_urdf(self.urdf))
         try:
-            return recording.robot_description()
+            return robot_description(recording, self.urdf)
         except InputError as error:
             if required or error.code is not ErrorCode.ROBOT_DESCRIPTION_MISSING:
                 raise
             return None
+
+
+def robot_description(recording: Recording, urdf: Path | None) -> str:
+    """The URDF of a file or of a robot that comes with Poise; without one, that of the recording.
+
+    Raises:
+        InputError: ROBOT_DESCRIPTION_MISSING; as `read_urdf`.
+    """
+    return recording.robot_description() if urdf is None else read_urdf(find_urdf(urdf))
+
+
+def fixed_pose(
+    asked: str, frame: str, sensor: str, recording: Recording, description: str | None, advice: str = ""
+) -> Pose:
+    """The pose of the sensor frame in a frame that is fixed to it.
+
+    Args:
+        asked: the option with its value, for the message; `advice` ends it.
+
+    Raises:
+        InputError: FRAME_UNKNOWN, with the frames that are fixed to the sensor.
+    """
+    fixed = fixed_frames(sensor, recording, description)
+    if frame not in fixed:
+        raise InputError(
+            ErrorCode.FRAME_UNKNOWN,
+            f"{asked}: no frame of this name is fixed to {sensor}; these are: {', '.join(fixed)}{advice}",
+        )
+    return fixed[frame]
 
 
 def read_exports(

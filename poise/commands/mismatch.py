@@ -29,7 +29,7 @@ from poise.commands.output import (
     write_json,
 )
 from poise.files import write_whole
-from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
+from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
 from poise.viewing import readable, rounded
@@ -125,8 +125,7 @@ def mismatch(
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
-    written += [] if separate is None or design is None else [write_design(separate, design)]
-    written += [] if save is None else [write_whole(save, dump_model(found.augmented).encode())]
+    written += _write_yaml(found, design, separate, save)
     times = spans([reading.recorded for reading in readings])
     recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
     more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
@@ -147,6 +146,17 @@ def _read_with_warnings(bags: list[Path], nominal: NominalModel) -> list[ReadRec
         for note in reading.notes:
             warn(f"{bag}: {note}")
     return readings
+
+
+def _write_yaml(
+    found: Diagnosis, design: DiscriminatingMotion | None, separate: Path | None, save: Path | None
+) -> list[Path]:
+    written = []
+    if separate is not None and design is not None:
+        written.append(write_design(separate, design))
+    if save is not None:
+        written.append(write_whole(save, dump_model(found.augmented).encode()))
+    return written
 
 
 def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[str, Any]]) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from poise.commands.exports import fixed_pose, robot_description
 from poise.commands.output import refuse_folder, warn
 from poise.errors import ErrorCode, InputError
 from poise.exporting.models import JointChange, LinkLoad, ModelChanges, all_model_exporters, model_exporter_of
@@ -14,8 +15,7 @@ from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application import found_payload, joint_values, without_place
 from poise.mismatch.reading import NominalModel
-from poise.recording import open_recording
-from poise.robot import fixed_frames, read_urdf
+from poise.recording import Recording, open_recording
 
 ExportModelOption = Annotated[
     list[str] | None,
@@ -97,25 +97,26 @@ def write_model_exports(
     """
     if not requests:
         return []
-    changes = _changes(found, bag, nominal, payload_link)
-    texts = [model_exporter_of(each.kind).changed(changes, _source(each, bag, nominal)) for each in requests]
+    recording = open_recording(bag)
+    changes = _changes(found, recording, nominal, payload_link)
+    texts = [model_exporter_of(each.kind).changed(changes, _source(each, recording, nominal)) for each in requests]
     for clause in changes.left_out:
         warn(f"--export does not write {clause}")
     return [write_whole(request.target, text) for request, text in zip(requests, texts, strict=True)]
 
 
-def _source(request: ModelExport, bag: Path, nominal: NominalModel) -> bytes:
+def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -> bytes:
     if not model_exporter_of(request.kind).needs_source:
         return b""
     if request.source is None:
-        return _robot_description(bag, nominal).encode()
+        return robot_description(recording, nominal.urdf).encode()
     try:
         return request.source.read_bytes()
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"--into {request.source}: {error.strerror}") from error
 
 
-def _changes(found: Diagnosis, bag: Path, nominal: NominalModel, payload_link: str | None) -> ModelChanges:
+def _changes(found: Diagnosis, recording: Recording, nominal: NominalModel, payload_link: str | None) -> ModelChanges:
     joints = {joint: JointChange(**values) for joint, values in joint_values(found).items()}
     left_out, payload = without_place(found), found_payload(found)
     if payload is not None and payload_link is None:
@@ -124,16 +125,6 @@ def _changes(found: Diagnosis, bag: Path, nominal: NominalModel, payload_link: s
         return ModelChanges(joints, None, tuple(left_out))
     link, _, frame = payload_link.partition("=")
     sensor = found.main.problem.model.sensor_frame or ""
-    poses = fixed_frames(sensor, open_recording(bag), _robot_description(bag, nominal))
-    if (frame or link) not in poses:
-        raise InputError(
-            ErrorCode.FRAME_UNKNOWN,
-            f"--payload-link {payload_link}: no frame {frame or link} is fixed to {sensor}; these are:"
-            f" {', '.join(poses)}",
-        )
-    pose = poses[frame or link]
+    description = robot_description(recording, nominal.urdf)
+    pose = fixed_pose(f"--payload-link {payload_link}", frame or link, sensor, recording, description)
     return ModelChanges(joints, LinkLoad(link, payload.in_frame(pose.rotation, pose.translation)), tuple(left_out))
-
-
-def _robot_description(bag: Path, nominal: NominalModel) -> str:
-    return open_recording(bag).robot_description() if nominal.urdf is None else read_urdf(nominal.urdf)

@@ -6,6 +6,9 @@ import pytest
 
 from benchmarks.model_export import nominal_mjcf, one
 from poise.cli import run
+from poise.commands.exports import robot_description
+from poise.recording import open_recording
+from poise.robot import find_urdf, read_urdf
 
 BAG = Path(__file__).parents[2] / "bags" / "kuka_free_motion.mcap"
 
@@ -19,6 +22,10 @@ def test_rotors_come_back_from_the_exported_model_and_it_runs_closer(tmp_path) -
     assert max(result["off"]) < 0.15
     assert result["left"] < 0.1
     assert (tmp_path / "robot.xml").read_text() == nominal_mjcf("xarm7")[0]
+
+
+def test_model_yaml_may_name_a_robot_that_comes_with_poise() -> None:
+    assert robot_description(open_recording(BAG), Path("fr3")) == read_urdf(find_urdf("fr3"))
 
 
 @pytest.mark.parametrize(
