@@ -50,14 +50,13 @@ class Planted:
 
 def nominal_mjcf(robot: str) -> tuple[str, list[str]]:
     """The robot as MJCF without shapes, with a body `held` on its sensor; and the names of its arm's joints."""
-    urdf = re.sub(
-        r"<(visual|collision)\b.*?</\1>|<(visual|collision)\b[^>]*/>", "", read_urdf(find_urdf(robot)), flags=re.S
-    )
-    spec = mujoco.MjSpec.from_string(urdf.replace("<robot ", "<robot ", 1))
+    shapes = r"<(visual|collision)\b.*?</\1>|<(visual|collision)\b[^>]*/>"
+    spec = mujoco.MjSpec.from_string(re.sub(shapes, "", read_urdf(find_urdf(robot)), flags=re.DOTALL))
     spec.compiler.fusestatic = False
     spec.option.timestep = STEP
-    joints = [each for each in RobotModel.from_file(robot).joint_names if each in {j.name for j in spec.joints}]
-    held = spec.body(RobotModel.from_file(robot).sensor_frame).add_body(name="held")
+    arm, there = RobotModel.from_file(robot), {joint.name for joint in spec.joints}
+    joints = [each for each in arm.joint_names if each in there]
+    held = spec.body(arm.sensor_frame).add_body(name="held")
     mass, com, six = LOAD
     held.mass, held.ipos, held.fullinertia = mass, list(com), list(six)
     held.explicitinertial = True
@@ -88,10 +87,16 @@ def plant(xml: str, joints: list[str], rng: np.random.Generator) -> tuple[mujoco
     return spec.compile(), Planted(values, float(mass), com)
 
 
+def addresses(model: mujoco.MjModel, joints: list[str]) -> tuple[list[int], list[int]]:
+    """Where positions and velocities of joints stand in MuJoCo's states."""
+    found = [model.joint(joint) for joint in joints]
+    return [each.qposadr[0] for each in found], [each.dofadr[0] for each in found]
+
+
 def recording(
     model: mujoco.MjModel, robot: str, joints: list[str], rng: np.random.Generator, seconds: float
-) -> tuple[Any, Array, Array]:
-    """Joint states with efforts by inverse dynamics; and the true positions and velocities."""
+) -> tuple[JointStream, Array, Array]:
+    """Joint states with efforts by inverse dynamics; true positions and velocities, (N, 2 J); true efforts."""
     arm = RobotModel.from_file(robot)
     motion = FourierTrajectory.random(arm, rng, duration=seconds, speed=0.8, amplitude=0.8, frequency=0.1, harmonics=5)
     times = np.arange(round(seconds * RATE)) / RATE
@@ -101,12 +106,12 @@ def recording(
         part[:, columns] for part in (state.position, state.velocity, state.acceleration)
     )
     data, efforts = mujoco.MjData(model), np.zeros_like(position)
-    where = [model.joint(joint).qposadr[0] for joint in joints], [model.joint(joint).dofadr[0] for joint in joints]
+    places, rates = addresses(model, joints)
     for row in range(len(times)):
-        data.qpos[where[0]], data.qvel[where[1]] = position[row], velocity[row]
-        data.qacc[where[1]] = acceleration[row]
+        data.qpos[places], data.qvel[rates] = position[row], velocity[row]
+        data.qacc[rates] = acceleration[row]
         mujoco.mj_inverse(model, data)
-        efforts[row] = data.qfrc_inverse[where[1]]
+        efforts[row] = data.qfrc_inverse[rates]
     noise = 0.01 * np.abs(efforts).max(axis=0) + 0.01
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     seen = position + rng.normal(0.0, 2e-5, position.shape), velocity + rng.normal(0.0, 1e-3, velocity.shape)
@@ -116,17 +121,17 @@ def recording(
 
 def free_run(model: mujoco.MjModel, joints: list[str], states: Array, efforts: Array, windows: int) -> float:
     """rad, the mean error of the joints after HORIZON under the efforts, from states of the recording."""
-    where = [model.joint(joint).qposadr[0] for joint in joints], [model.joint(joint).dofadr[0] for joint in joints]
+    places, rates = addresses(model, joints)
     errors, steps, count = [], round(1 / (RATE * STEP)), round(HORIZON * RATE)
     for begin in np.linspace(0, len(states) - count - 2, windows).astype(int):
         data = mujoco.MjData(model)
-        data.qpos[where[0]], data.qvel[where[1]] = np.split(states[begin], 2)
+        data.qpos[places], data.qvel[rates] = np.split(states[begin], 2)
         for row in range(begin, begin + count):
             for step in range(steps):
                 share = step / steps
-                data.qfrc_applied[where[1]] = (1 - share) * efforts[row] + share * efforts[row + 1]
+                data.qfrc_applied[rates] = (1 - share) * efforts[row] + share * efforts[row + 1]
                 mujoco.mj_step(model, data)
-        errors.append(np.abs(data.qpos[where[0]] - states[begin + count, : len(joints)]).mean())
+        errors.append(np.abs(data.qpos[places] - states[begin + count, : len(joints)]).mean())
     return float(np.mean(errors))
 
 
@@ -148,11 +153,10 @@ def one(seed: int, folder: Path, seconds: float = 30.0, windows: int = 8) -> dic
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         status = run([*words, "--payload-link", f"held={link}", "--json", str(folder / "a.json")])
     answer = json.loads((folder / "a.json").read_text()) if (folder / "a.json").exists() else {"effects": []}
-    found = mujoco.MjModel.from_xml_path(str(target)) if target.exists() else mujoco.MjModel.from_xml_string(xml)
-    errors = [
-        free_run(each, joints, states, efforts, windows) for each in (true, mujoco.MjModel.from_xml_string(xml), found)
-    ]
-    dofs = [found.joint(joint).dofadr[0] for joint in joints]
+    nominal = mujoco.MjModel.from_xml_string(xml)
+    found = mujoco.MjModel.from_xml_path(str(target)) if target.exists() else nominal
+    errors = [free_run(each, joints, states, efforts, windows) for each in (true, nominal, found)]
+    dofs = addresses(found, joints)[1]
     read = {"frictionloss": found.dof_frictionloss, "damping": found.dof_damping, "armature": found.dof_armature}
     off = [
         abs(float(np.ravel(read[kind])[dof]) - value) / value

@@ -79,6 +79,14 @@ def render(scene: Scene, camera: Camera, rotation: Array, translation: Array) ->
     return Rendering(depth, shown, np.where(seen, facing, 0.0), painted[row])
 
 
+def look_at(place: Array, target: Array) -> Array:
+    """(3, 3) world <- camera, of an upright camera at a place (3,) m that looks at a target (3,) m."""
+    forward = (target - place) / np.linalg.norm(target - place)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward], axis=1)
+
+
 def _table(scene: Scene, rays: Array, rotation: Array, translation: Array) -> tuple[Array, Indices]:
     """1/z of the table in each pixel, 0 beside it."""
     shown = np.full(rays.shape[:2], NOTHING, dtype=np.int64)

@@ -1,12 +1,13 @@
 """Registries: the entries of one kind, one file each, found by looking through a folder.
 
-`Registry` imports one entry when it is asked for by name; `entries_of` imports and builds them all.
+`Registry` imports one entry when it is asked for by name; `entries_of` imports and builds them all, and `entry_called`
+finds one of these.
 """
 
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -108,3 +109,19 @@ def entries_of(package: str, path: Sequence[str], base: type[Base]) -> tuple[Bas
             if own and issubclass(kind, base) and not inspect.isabstract(kind):
                 found.append(kind())
     return tuple(found)
+
+
+def entry_called(name: str, entries: Mapping[str, Base], lacking: str) -> Base:
+    """The entry of a name.
+
+    Args:
+        name: as the user gave it.
+        entries: by their names.
+        lacking: what the message says before an unknown name.
+
+    Raises:
+        InputError: BAD_INPUT, with the names there are.
+    """
+    if name in entries:
+        return entries[name]
+    raise InputError(ErrorCode.BAD_INPUT, f"{lacking} {name!r}; use one of {', '.join(entries)}")

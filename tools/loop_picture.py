@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,8 @@ from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Box, Cylinder, Mesh, load_scene
-from poise.fake_robots.rasteriser import NOTHING, Body, Scene, render
+from poise.assembly import Box, Cylinder, Mesh, RigidObject, load_scene
+from poise.fake_robots.rasteriser import NOTHING, Body, Scene, look_at, render
 from poise.fake_robots.tables import TOP
 from poise.geometry import Pose
 from poise.manipulation import Arm
@@ -49,15 +50,18 @@ def main() -> None:
     folder: Path = options.folder
     steps = json.loads((folder / "loop.json").read_text())["steps"]
     bag = folder / "loop.mcap"
-    joints = open_recording(bag).joint_states()
+    joints, truth = open_recording(bag).joint_states(), true_poses(bag)
     ends = np.cumsum([step["seconds"] for step in steps])
     names = [step["step"] for step in steps]
+    arm, objects = Arm.load("fr3"), load_scene(folder / "truth.yaml").objects
     figure, axes = plt.subplots(1, len(FRAMES), figsize=(15, 2.75))
     for axis, (name, which, share) in zip(axes, FRAMES, strict=True):
         number = [index for index, each in enumerate(names) if each == name][which]
         seconds = float(ends[number] - (1 - share) * steps[number]["seconds"])
         row = int(np.searchsorted(joints.stamps, joints.stamps[0] + seconds * 1e9))
-        axis.imshow(picture(folder, joints.names, joints.position[row], poses_at(bag, joints.stamps[row])))
+        poses = next((each for stamp, each in truth if stamp >= joints.stamps[row]), truth[-1][1])
+        position = dict(zip(joints.names, joints.position[row].tolist(), strict=True))
+        axis.imshow(picture(arm, objects, position, poses))
         axis.set_title(f"{name}, {seconds:.0f} s", fontsize=11)
         axis.axis("off")
     figure.subplots_adjust(0.0, 0.0, 1.0, 0.9, 0.01)
@@ -66,37 +70,33 @@ def main() -> None:
     print(f"{options.output}: {options.output.stat().st_size // 1024} KiB")
 
 
-def poses_at(bag: Path, stamp: int) -> dict[str, Pose]:
-    """Of the true objects at a stamp."""
+def true_poses(bag: Path) -> list[tuple[int, dict[str, Pose]]]:
+    """Stamps, ns, and the poses of the true objects."""
     with bag.open("rb") as stream:
-        for _, _, raw in make_reader(stream).iter_messages(["/world_truth"]):
-            message = deserialize_message(raw.data, TFMessage)
-            if stamp_of(message.transforms[0]) >= stamp:
-                break
-    return {each.child_frame_id: pose_of_transform(each.transform) for each in message.transforms}
+        raw = [message.data for _, _, message in make_reader(stream).iter_messages(["/world_truth"])]
+    found = [deserialize_message(data, TFMessage).transforms for data in raw]
+    return [
+        (stamp_of(items[0]), {each.child_frame_id: pose_of_transform(each.transform) for each in items})
+        for items in found
+    ]
 
 
-def picture(folder: Path, names: tuple[str, ...], position: Array, poses: dict[str, Pose]) -> Array:
-    """(H, W, 3) uint8: the arm, the table, the tray and the objects."""
-    known = dict(zip(names, position.tolist(), strict=True))
+def picture(arm: Arm, objects: Sequence[RigidObject], known: dict[str, float], poses: dict[str, Pose]) -> Array:
+    """(H, W, 3) uint8: the arm at joint positions, the table, the tray and the objects."""
     driven = np.array([known.get("base_x", 0.0), known.get("base_y", 0.0), 0.0])
-    arm = replace(Arm.load("fr3"), base=pin.SE3(np.eye(3), np.array([driven[0], driven[1], TOP])))
+    arm = replace(arm, base=pin.SE3(np.eye(3), np.array([driven[0], driven[1], TOP])))
     q = np.array([known[name] for name in arm.model.names[1:]])
     opening = 0.085 * (1.0 - known.get("finger_joint", 0.0) / 0.8)
     shapes = arm.shapes(q, opening)
     bodies = [_body(_shape(shape), place, DARK if k > 8 else STEEL) for k, (shape, place) in enumerate(shapes)]
     loose = 0
-    for item in load_scene(folder / "truth.yaml").objects:
+    for item in objects:
         pose = poses.get(item.id, item.pose)
         colour = PLATE if item.fixed else COLOURS[loose % len(COLOURS)]
         loose += not item.fixed
         bodies.append(_body(item.shape, pin.SE3(pose.rotation, pose.translation), colour))
-    ahead = (LOOKS_AT - LOOKS_FROM) / np.linalg.norm(LOOKS_AT - LOOKS_FROM)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    turn = np.column_stack([right, np.cross(ahead, right), ahead])
     scene = Scene(tuple(bodies), 0.0, tuple(driven[:2]), (1.2, 1.2), (0.93, 0.93, 0.92))
-    seen = render(scene, CAMERA, turn, LOOKS_FROM + driven)
+    seen = render(scene, CAMERA, look_at(LOOKS_FROM, LOOKS_AT), LOOKS_FROM + driven)
     return np.where((seen.shown == NOTHING)[..., None], np.uint8(250), seen.colours)
 
 

@@ -7,12 +7,11 @@
 
 from functools import cache
 
-from poise.errors import ErrorCode, InputError
 from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter, is_doubtful
-from poise.exporting.inertials import numbers, sdf_inertial, urdf_inertial
+from poise.exporting.inertials import mjcf_inertial, sdf_inertial, urdf_inertial
 from poise.exporting.settings import ExportSettings, GripperLoad
 from poise.inertia import InertialEstimate
-from poise.registry import entries_of
+from poise.registry import entries_of, entry_called
 
 __all__ = [
     "EXPORTED_VALUES",
@@ -25,7 +24,7 @@ __all__ = [
     "exported_payload",
     "exporter_of",
     "is_doubtful",
-    "numbers",
+    "mjcf_inertial",
     "sdf_inertial",
     "urdf_inertial",
 ]
@@ -44,11 +43,7 @@ def exporter_of(kind: str) -> Exporter:
     Raises:
         InputError: BAD_INPUT, with the kinds there are.
     """
-    for exporter in all_exporters():
-        if exporter.kind == kind:
-            return exporter
-    kinds = ", ".join(exporter.kind for exporter in all_exporters())
-    raise InputError(ErrorCode.BAD_INPUT, f"no exporter writes {kind!r}; use one of {kinds}")
+    return entry_called(kind, {exporter.kind: exporter for exporter in all_exporters()}, "no exporter writes")
 
 
 def exported_payload(estimate: InertialEstimate, kind: str, settings: ExportSettings) -> ExportedPayload:

@@ -57,7 +57,7 @@ class ExportedPayload:
     @property
     def six(self) -> Array:
         """(6,) ixx ixy ixz iyy iyz izz about the centre of mass, kg m2."""
-        return self.parameters.inertia[np.triu_indices(3)]
+        return self.parameters.inertia_vector
 
     @property
     def has_inertia(self) -> bool:

@@ -1,11 +1,11 @@
 """MJCF: a body for MuJoCo (https://mujoco.readthedocs.io/en/stable/XMLreference.html#body-inertial)."""
 
 from poise.exporting.base import ExportedPayload, Exporter
-from poise.exporting.inertials import numbers
+from poise.exporting.inertials import mjcf_inertial
 
 
 class MjcfExporter(Exporter):
-    """Body with `fullinertia`, which is about the centre of mass in the order xx yy zz xy xz yz."""
+    """Body with `fullinertia`."""
 
     kind = "mjcf"
     summary = "MJCF: a body for MuJoCo, in the sensor frame"
@@ -16,8 +16,7 @@ class MjcfExporter(Exporter):
 <mujoco model="payload">
   <worldbody>
     <body name="payload">
-      <inertial pos="{numbers(payload.parameters.com)}" mass="{payload.parameters.mass!r}"
-                fullinertia="{numbers(payload.six[[0, 3, 5, 1, 2, 4]])}"/>
+      {mjcf_inertial(payload.parameters)}
     </body>
   </worldbody>
 </mujoco>

@@ -6,11 +6,10 @@ from functools import cache
 import numpy as np
 
 from poise.fake_robots.depth_noise import D435, StereoNoise
-from poise.fake_robots.rasteriser import Body, Scene
+from poise.fake_robots.rasteriser import Body, Scene, look_at
 from poise.fake_robots.sweep_bag import FakeSweep, fake_views
 from poise.scanning import Camera, View
 from poise.scanning.sweep import Ring
-from poise.types import Array
 
 SMALL = Camera(200, 150, 190.0, 190.0, 99.5, 74.5)
 EXACT = replace(D435, subpixel=0.0, step=1e-4, holes=0.0, flying=0.0, lost=0.0)
@@ -25,14 +24,6 @@ def box(sides: tuple[float, float, float], at: tuple[float, float, float], colou
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)]) - 0.5
     triangles = (corners * sides + at)[CUBE]
     return Body(triangles, np.tile(colour, (len(triangles), 1)))
-
-
-def look_at(place: Array, target: Array) -> Array:
-    """(3, 3) world <- camera."""
-    forward = (target - place) / np.linalg.norm(target - place)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
 def views_of(

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from scenes import EXACT, SMALL, box, look_at
+from scenes import EXACT, SMALL, box
 from scipy.spatial import ConvexHull
 
 from poise.fake_robots.depth_noise import D435, measured
-from poise.fake_robots.rasteriser import TABLE, Body, Rendering, Scene, render
+from poise.fake_robots.rasteriser import TABLE, Body, Rendering, Scene, look_at, render
 from poise.fake_robots.sweep_bag import laid_down
 
 EYE = np.array([0.2, -0.15, 0.3])

@@ -7,9 +7,8 @@
 
 from functools import cache
 
-from poise.errors import ErrorCode, InputError
 from poise.exporting.models.base import JointChange, LinkLoad, ModelChanges, ModelExporter
-from poise.registry import entries_of
+from poise.registry import entries_of, entry_called
 
 __all__ = ["JointChange", "LinkLoad", "ModelChanges", "ModelExporter", "all_model_exporters", "model_exporter_of"]
 
@@ -27,8 +26,5 @@ def model_exporter_of(kind: str) -> ModelExporter:
     Raises:
         InputError: BAD_INPUT, with the kinds there are.
     """
-    for exporter in all_model_exporters():
-        if exporter.kind == kind:
-            return exporter
-    kinds = ", ".join(exporter.kind for exporter in all_model_exporters())
-    raise InputError(ErrorCode.BAD_INPUT, f"no exporter of models writes {kind!r}; use one of {kinds}")
+    by_kind = {exporter.kind: exporter for exporter in all_model_exporters()}
+    return entry_called(kind, by_kind, "no exporter of models writes")

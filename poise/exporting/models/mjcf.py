@@ -1,7 +1,7 @@
 """MJCF: joints and the payload's body of a MuJoCo model (https://mujoco.readthedocs.io/en/stable/XMLreference.html)."""
 
 from poise.errors import ErrorCode, InputError
-from poise.exporting import numbers
+from poise.exporting import mjcf_inertial
 from poise.exporting.models.base import ModelChanges, ModelExporter
 from poise.exporting.models.names import found_by_name
 from poise.exporting.models.xml_text import XmlText
@@ -29,13 +29,6 @@ class MjcfModelExporter(ModelExporter):
             if any(each.attributes.get("inertiafromgeom") == "true" for each in text.root.walk()):
                 what = "the model has inertiafromgeom=true, so that MuJoCo ignores the payload; set it to auto"
                 raise InputError(ErrorCode.BAD_INPUT, what)
-            load = changes.payload.parameters
-            six = [load.inertia[index] for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-            inertial = (
-                f'<inertial pos="{numbers(load.com)}" mass="{load.mass!r}"'
-                f' fullinertia="{" ".join(repr(float(each)) for each in six)}"/>'
-            )
             body = found_by_name(elements, "body", changes.payload.link, where)
-            old = body.child("inertial")
-            text.insert_first(body, inertial) if old is None else text.replace(old, inertial)
+            text.put_child(body, mjcf_inertial(changes.payload.parameters))
         return text.changed(changes.remark)

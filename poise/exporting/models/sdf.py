@@ -38,6 +38,5 @@ class SdfModelExporter(ModelExporter):
                 text.insert_first(dynamics, missing)
         if changes.payload is not None:
             link = found_by_name(elements, "link", changes.payload.link)
-            inertial, old = sdf_inertial(changes.payload.parameters), link.child("inertial")
-            text.insert_first(link, inertial) if old is None else text.replace(old, inertial)
+            text.put_child(link, sdf_inertial(changes.payload.parameters))
         return text.changed(changes.remark)

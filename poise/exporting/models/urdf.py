@@ -27,6 +27,5 @@ class UrdfModelExporter(ModelExporter):
                 text.insert_first(element, f"<dynamics {attributes}/>")
         if changes.payload is not None:
             link = found_by_name(text.root.children, "link", changes.payload.link)
-            inertial, old = urdf_inertial(changes.payload.parameters), link.child("inertial")
-            text.insert_first(link, inertial) if old is None else text.replace(old, inertial)
+            text.put_child(link, urdf_inertial(changes.payload.parameters))
         return text.changed(changes.remark)

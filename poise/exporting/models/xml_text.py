@@ -84,6 +84,14 @@ class XmlText:
         """Put something in the place of an element."""
         self._edits.append((element.start, element.end, text.encode()))
 
+    def put_child(self, element: XmlElement, text: str) -> None:
+        """Put an element in the place of the child of the same name; where there is none, before the content."""
+        old = element.child(re.match(r"<(\w+)", text)[1])  # type: ignore[index]
+        if old is None:
+            self.insert_first(element, text)
+        else:
+            self.replace(old, text)
+
     def insert_first(self, element: XmlElement, text: str) -> None:
         """Put something before the content of an element, on a line of its own."""
         line = self._source.rfind(b"\n", 0, element.start) + 1

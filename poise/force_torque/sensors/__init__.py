@@ -6,9 +6,8 @@
 
 from functools import cache
 
-from poise.errors import ErrorCode, InputError
 from poise.force_torque.sensors.base import Sensor, SensorSetting, SensorValues, limit_of, rated, reports_of
-from poise.registry import entries_of
+from poise.registry import entries_of, entry_called
 
 __all__ = [
     "Sensor",
@@ -36,11 +35,7 @@ def sensor_named(name: str) -> Sensor:
     Raises:
         InputError: BAD_INPUT, with the names there are.
     """
-    for sensor in all_sensors():
-        if sensor.name == name:
-            return sensor
-    names = ", ".join(sensor.name for sensor in all_sensors())
-    raise InputError(ErrorCode.BAD_INPUT, f"no sensor is named {name!r}; use one of {names}")
+    return entry_called(name, {sensor.name: sensor for sensor in all_sensors()}, "no sensor is named")
 
 
 def sensor_settings() -> tuple[SensorSetting, ...]:
