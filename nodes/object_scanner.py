@@ -264,8 +264,10 @@ class ObjectScanner(ArmNode):
             self._compute(session, goal)
 
     def _enough(self, session: ScanSession, now: float) -> bool:
-        """All frames are there, or none that is wanted comes."""
-        late = bool(self._over) and now - self._over > _LATE and session.count > 0
+        """All frames are there, or none that is wanted comes; a camera that pauses does not end a sweep."""
+        if self._sweep is not None and not self._sweep.over and session.count:
+            return session.full
+        late = bool(self._over) and min(now - self._over, session.silent(now)) > _LATE and session.count > 0
         return late or session.enough(now)
 
     def _fail(self, error: PoiseError) -> None:
@@ -362,7 +364,7 @@ class ObjectScanner(ArmNode):
                 objects.append((scanned, segment(scanned.points, scanned.colours)))
             except InputError as error:
                 if number == 0:
-                    raise
+                    raise _with_notes(error, len(sweep.views), notes) from error
                 notes.append(f"what is at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
@@ -381,6 +383,11 @@ class ObjectScanner(ArmNode):
         parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
         remarks = (*notes, *scanned.notes, *found.notes)
         return segmented_message(name, name, stamp, scanned, found, parts, remarks)
+
+
+def _with_notes(error: InputError, views: int, notes: list[str]) -> InputError:
+    """The error, with how much was seen."""
+    return InputError(error.code, "; ".join([error.message, f"{views} views were used", *notes]), **error.data)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, Sweep, SweepOpt
 
 _COLOURS_KEPT = 20
 _MOST_STATES = 50_000
+_LONG_GAP = 2.0
+"""s without frames that are reported, when it is more than three periods."""
 STATIONARY_FRAMES = 8
 """Of a camera that stands still: more only average its noise."""
 
@@ -117,6 +120,21 @@ class ScanSession:
         depths, clouds = [image.stamp for image in self._depths], [frame.stamp for frame in self._clouds]
         return max(depths[-1:] + clouds[-1:], default=0)
 
+    @property
+    def full(self) -> bool:
+        """Whether all frames are there."""
+        return self.count >= self.options.frames
+
+    @property
+    def longest_gap(self) -> float:
+        """s between two frames, at most; 0 with fewer than two."""
+        stamps = sorted([image.stamp for image in self._depths] + [frame.stamp for frame in self._clouds])
+        return max((after - before for before, after in pairwise(stamps)), default=0) * 1e-9
+
+    def silent(self, now: float) -> float:
+        """s since the last frame that was taken, or since the begin."""
+        return now - self._last
+
     def set_camera(self, camera: Camera) -> None:
         """Take in the camera info."""
         self._camera = camera
@@ -154,8 +172,7 @@ class ScanSession:
 
     def enough(self, now: float) -> bool:
         """Whether to go on: all frames are there, time is up, or no more come."""
-        waited = now - self._last > self.options.patience
-        return self.count >= self.options.frames or now - self._begin > self.options.duration or waited
+        return self.full or now - self._begin > self.options.duration or self.silent(now) > self.options.patience
 
     def sweep(self, robot: RobotLog, options: SweepOptions) -> Sweep:
         """The views that were taken.
@@ -183,6 +200,9 @@ class ScanSession:
                 frame_of(depth, self._paired.get(depth.stamp), self._camera, self._unit) for depth in self._depths
             ]
         found = place(frames, robot.description, list(robot.fixed.values()), robot.joints, options)
-        if not self.problem:
-            return found
-        return replace(found, notes=(*found.notes, f"some messages could not be used: {self.problem.message}"))
+        notes = list(found.notes)
+        if self.longest_gap > max(_LONG_GAP, 3 * self.options.period):
+            notes.append(f"the camera sent no frame for {self.longest_gap:.1f} s: what was seen only then is missing")
+        if self.problem:
+            notes.append(f"some messages could not be used: {self.problem.message}")
+        return replace(found, notes=tuple(notes))

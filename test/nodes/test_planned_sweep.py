@@ -22,7 +22,8 @@ from poise.nodes.assembly_message import assembly_message, object_message
 from poise.nodes.object_scanner import ObjectScanner
 from poise.nodes.placed_arm import assumed_base
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC
-from poise.recording import stamp_of
+from poise.recording import Image, stamp_of
+from poise.scanning import ScanSession, SessionOptions
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import SegmentedObject, WorldObject, WorldState
@@ -98,3 +99,21 @@ def test_what_a_plan_assumes_and_does_not_see_is_said_with_the_scan() -> None:
     _, motion = ObjectScanner._to_plan(scanner, goal)  # type: ignore[arg-type]
     assert motion(np.zeros(7)) == "a motion"
     assert (scanner._region, scanner._plan_notes) == ("a region", (assumed, *plan.notes))
+
+
+def test_a_camera_that_pauses_does_not_end_a_sweep() -> None:
+    session = ScanSession(SessionOptions(frames=10, patience=5.0), 1e-3, 0.0)
+    scanner = SimpleNamespace(_sweep=SimpleNamespace(over=False), _over=0.0)
+
+    def enough(now: float) -> bool:
+        return ObjectScanner._enough(scanner, session, now)  # type: ignore[arg-type]
+
+    assert enough(5.1)  # no frame at all: the camera's driver is not running
+    session.add_depth(Image(10**9, "camera", "16UC1", np.ones((2, 2), np.uint16)), 5.0)
+    assert not enough(10.9)
+    session.add_depth(Image(6 * 10**9, "camera", "16UC1", np.ones((2, 2), np.uint16)), 11.0)
+    scanner._sweep.over, scanner._over = True, 12.0
+    assert not enough(12.4)
+    session.add_depth(Image(8 * 10**9, "camera", "16UC1", np.ones((2, 2), np.uint16)), 12.5)  # one that came late
+    assert not enough(12.9)
+    assert enough(13.1)

@@ -77,6 +77,19 @@ def test_it_is_enough_when_all_is_there_or_nothing_more_comes():
     assert patient.enough(103.1)
 
 
+def test_a_camera_that_paused_is_reported(bag):
+    assert not any("no frame" in note for note in taken(bag, 6).sweep(heard(bag), SweepOptions()).notes)
+    session = ScanSession(SessionOptions(10, 0.2, 60.0, 5.0), 1e-3, 100.0)
+    session.set_camera(camera_of(next(messages_of(bag, INFO))))
+    depths = [image_of(message, DEPTH) for message in messages_of(bag, DEPTH)]
+    for depth in [*depths[:3], *depths[20:23]]:
+        session.add_depth(depth, 103.0)
+    assert session.silent(104.5) == 1.5
+    gap = (depths[20].stamp - depths[2].stamp) * 1e-9
+    assert session.longest_gap == pytest.approx(gap, abs=1e-9)
+    assert f"no frame for {gap:.1f} s" in session.sweep(heard(bag), SweepOptions()).notes[-1]
+
+
 @pytest.mark.parametrize(
     ("count", "camera", "without", "code"),
     [
