@@ -113,7 +113,7 @@ def mismatch(
     refuse_folder(json_target, "--json")
     exports = read_model_exports(export, into)
     nominal = NominalModel() if model is None else load_model(model)
-    readings = _read_with_warnings(bags, nominal)
+    readings = read_with_warnings(bags, nominal)
     recorded, last = joined([reading.recorded for reading in readings])
     if not (recorded.has("wrench") or recorded.has("effort")):
         write_json(json_target, _unexamined(readings))
@@ -140,7 +140,8 @@ def mismatch(
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
-def _read_with_warnings(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
+def read_with_warnings(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
+    """As `read_all`; what is remarkable about a recording is a warning."""
     readings = read_all(bags, nominal)
     for reading, bag in zip(readings, bags, strict=True):
         for note in reading.notes:

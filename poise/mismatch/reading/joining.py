@@ -88,10 +88,7 @@ def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
     kept, effort = recorded.select(~last), recorded.effort
     end = recorded.begins[-1]
     if effort is not None:
-        rows = effort.seconds < end
-        arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
-        there = {name: value for name, value in arrays.items() if not (value is None or isinstance(value, tuple))}
-        effort = replace(effort, **{name: value[rows] for name, value in there.items()})
+        effort = effort.select(effort.seconds < end)
     return replace(kept, effort=effort, begins=recorded.begins[:-1])
 
 

@@ -109,6 +109,12 @@ class EffortTrack:
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
 
+    def select(self, rows: Mask) -> "EffortTrack":
+        """The samples of a mask (M,)."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        held = {name: value for name, value in arrays.items() if not (value is None or isinstance(value, tuple))}
+        return replace(self, **{name: value[rows] for name, value in held.items()})
+
     def unit(self, turning: str, *joints: str) -> str:
         """The unit of a quantity of these joints, all when none is named, from its unit for joints that turn."""
         slides = set(joints or self.names) <= set(self.prismatic)

@@ -1,0 +1,236 @@
+"""What changed between two recordings of one robot."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
+from poise.mismatch.comparing.alignment import Alignment, align, postures
+from poise.mismatch.comparing.difference import difference
+from poise.mismatch.reading import NominalModel, with_model_effects
+from poise.mismatch.recorded import RecordedMotion
+
+_NEAR = 0.1
+"""rad or m, the largest distance of postures that count as the same."""
+_SHARED, _LEAST = 0.5, 5.0
+"""Share of the motion, and s of it, that both recordings need for a comparison at the same postures."""
+_ALIKE, _SLIP, _MARGIN = 0.05, 0.1, 0.3
+"""Relative difference of the speeds within which what depends on the speed is the same in both; the one of single
+samples, in units of the rms speed, and s around them: in a pause of one recording they differ."""
+_EQUAL = 0.02
+"""Difference of the error that two answers leave within which they are as good."""
+_PER_RECORDING = ("bias_force", "bias_torque", "drift_force", "drift_torque", "clock_offset", "effort_offset")
+"""Tolerances of what may differ at every start of a robot: two recordings may be at both edges."""
+
+Side = Literal["a", "b", "both"]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """An effect that changed from A to B.
+
+    Args:
+        finding: the effect, with its values as B minus A where `sign` is 1, as A minus B where it is -1.
+        sign: see `finding`.
+        present_in: the recording that has the effect, or both with other values.
+        before: its parameters in A, where A has it, too.
+    """
+
+    finding: NamedEffect
+    sign: int
+    present_in: Side
+    before: dict[str, Quantity]
+
+    @property
+    def change(self) -> dict[str, Quantity]:
+        """Each parameter in B minus that in A."""
+        return {n: replace(q, value=self.sign * q.value) for n, q in self.finding.parameters.items()}
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        name, lacking = self.finding.effect.name, {"a": "B", "b": "A"}
+        if self.present_in == "both":
+            return f"{name}: both recordings have it, and B has {'more' if self.sign > 0 else 'less'} than A."
+        return f"{name}: recording {self.present_in.upper()} has it, and {lacking[self.present_in]} does not."
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The answer about two recordings.
+
+    Args:
+        diagnosis: of the difference, as the recording `side` has it.
+        changes: the likeliest first.
+        side: "b" when the answer describes B against A, "a" for A against B.
+        alignment: of B with A.
+        notes: how they were compared, one sentence each.
+        seconds: that it took.
+    """
+
+    diagnosis: Diagnosis
+    changes: tuple[Change, ...]
+    side: Literal["a", "b"]
+    alignment: Alignment
+    notes: tuple[str, ...]
+    seconds: float
+
+    @property
+    def verdict(self) -> str:
+        """none, named, unknown or mixed, as of a diagnosis."""
+        return self.diagnosis.verdict
+
+
+def compare(
+    a: RecordedMotion,
+    b: RecordedMotion,
+    model: NominalModel,
+    *,
+    deadline: float = math.inf,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Comparison:
+    """What changed from recording A to recording B; what the model lacks in both cancels.
+
+    At the same postures the readings of one are subtracted from those of the other, so that nothing has to be known
+    of what both have. Where the speeds differ, what the other recording lacks is diagnosed first, and becomes part of
+    the model.
+
+    Args:
+        a, b: of one robot, predicted with one model.
+        model: of both.
+        deadline: s after which the search ends with its best answer so far.
+        progress: is called with the completed share, 0 to 1.
+
+    Raises:
+        InputError: BAD_INPUT when both are one recording; see `align` and `difference`.
+        NoAnswerError: NOT_IDENTIFIABLE when the motions differ; see `diagnose`.
+    """
+    begin = time.perf_counter()
+    _check_apart(a, b)
+    stages = _Stages(_for_two(model), deadline, progress)
+    matched = align(b, a)
+    if not _same_path(matched):
+        raise NoAnswerError(
+            ErrorCode.NOT_IDENTIFIABLE,
+            f"compare: only {matched.share:.0%} of B's motion is also in A, and {_SHARED:.0%} and {_LEAST:g} s are"
+            " needed: record the same motion twice, or diagnose each recording with `poise mismatch`",
+        )
+    answers = {"b": _one_way(b, a, matched, stages)}
+    if answers["b"].verdict != "none":
+        answers["a"] = _one_way(a, b, align(a, b), stages)
+    side: Literal["a", "b"] = "a" if "a" in answers and _better(answers["a"], answers["b"]) else "b"
+    found = answers[side]
+    changes = tuple(_change(each, side, a, b, stages) for each in found.findings)
+    progress(1.0)
+    return Comparison(found, changes, side, matched, _notes(matched), time.perf_counter() - begin)
+
+
+def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
+    signals = [(a.wrench, b.wrench)] if a.has("wrench") else []
+    if a.effort is not None and b.effort is not None:
+        signals.append((a.effort.measured, b.effort.measured))
+    if signals and all(one.shape == other.shape and np.array_equal(one, other) for one, other in signals):
+        raise InputError(ErrorCode.BAD_INPUT, "compare: both recordings hold the same readings: give two recordings")
+
+
+class _Stages:
+    """The diagnoses of a comparison, their time limit and their progress."""
+
+    def __init__(self, model: NominalModel, deadline: float, progress: Callable[[float], None]) -> None:
+        self.model = model
+        self._end, self._progress, self._done = time.perf_counter() + deadline, progress, 0.0
+        self._alone = list[tuple[RecordedMotion, Diagnosis]]()
+
+    def diagnose(self, recorded: RecordedMotion, model: NominalModel) -> Diagnosis:
+        """A quarter of the progress."""
+        done, left = self._done, max(self._end - time.perf_counter(), 0.1)
+        self._done = min(done + 0.25, 0.75)
+        return diagnose(recorded, model, deadline=left, progress=lambda share: self._progress(done + 0.25 * share))
+
+    def alone(self, recorded: RecordedMotion) -> Diagnosis:
+        """What the model lacks in one recording."""
+        known = [found for each, found in self._alone if each is recorded]
+        if not known:
+            known = [self.diagnose(recorded, self.model)]
+            self._alone.append((recorded, known[0]))
+        return known[0]
+
+
+def _for_two(model: NominalModel) -> NominalModel:
+    tolerance = model.tolerance
+    wider = {name: 2.0 * getattr(tolerance, name) for name in _PER_RECORDING}
+    return replace(model, tolerance=replace(tolerance, **wider))
+
+
+def _same_path(matched: Alignment) -> bool:
+    near = (matched.distance < _NEAR)[matched.moving]
+    seconds = len(near) * float(np.median(np.diff(matched.seconds))) if len(near) else 0.0
+    return seconds >= _LEAST and matched.share * near.mean() >= _SHARED
+
+
+def _same_speed(matched: Alignment) -> bool:
+    return abs(matched.rate - 1.0) < _ALIKE
+
+
+def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: _Stages) -> Diagnosis:
+    """What this recording has and the other lacks."""
+    common, slip = stages.model, math.inf
+    if _same_speed(matched):
+        slip = _SLIP * float(
+            np.sqrt(np.mean(np.square(np.gradient(postures(this)[2], postures(this)[1], axis=0)).sum(1)))
+        )
+    else:
+        common = stages.alone(other).augmented
+    alike = matched.alike(_NEAR, slip, _MARGIN)
+    return stages.diagnose(difference(this, with_model_effects(other, common.effects), matched, alike), common)
+
+
+def _left(found: Diagnosis) -> float:
+    """Share of the error that an answer leaves."""
+    proof = found.main.proof
+    return (proof.augmented**2 - 1.0) / max(proof.nominal**2 - 1.0, 1e-3)
+
+
+def _better(one: Diagnosis, usual: Diagnosis) -> bool:
+    """Whether an answer leaves clearly less of the error, or as little with fewer parameters."""
+    if not one.findings or not usual.findings:
+        return bool(one.findings)
+    if abs(_left(one) - _left(usual)) > _EQUAL:
+        return _left(one) < _left(usual)
+    return _size(one) < _size(usual)
+
+
+def _size(found: Diagnosis) -> int:
+    """Parameters of an answer; friction and other effects of one sign have fewer than what imitates them reversed."""
+    return sum(len(each.values) for each in found.findings) + 100 * (found.unknown is not None)
+
+
+def _change(
+    finding: NamedEffect, side: Literal["a", "b"], a: RecordedMotion, b: RecordedMotion, stages: _Stages
+) -> Change:
+    """The change of an effect; it is in both when the recording that has less of it shows it alone."""
+    less, sign = (a, 1) if side == "b" else (b, -1)
+    alone = [each for each in stages.alone(less).findings if each.effect.name == finding.effect.name]
+    if not alone:
+        return Change(finding, sign, side, {})
+    before = alone[0].parameters
+    if side == "a":  # what A has: that of B, and more
+        more = finding.parameters
+        before = {
+            n: Quantity(q.value + more[n].value, math.hypot(q.std, more[n].std), q.unit)
+            for n, q in before.items()
+            if n in more
+        }
+    return Change(finding, sign, "both", before)
+
+
+def _notes(matched: Alignment) -> tuple[str, ...]:
+    notes = [f"{matched.share:.0%} of B's motion is also in A; it is compared at the same postures"]
+    if not _same_speed(matched):
+        notes.append(f"B moves {matched.rate:.2f} times as fast as A: what A lacks is diagnosed first")
+    return tuple(notes)

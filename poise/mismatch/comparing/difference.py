@@ -1,0 +1,72 @@
+"""A recording without what another one of the same motion has too."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.comparing.alignment import Alignment
+from poise.mismatch.recorded import EffortTrack, RecordedMotion
+from poise.types import Array, Mask
+
+_FEWEST = 200
+"""Samples of a signal that a comparison needs."""
+
+
+def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment, alike: Mask) -> RecordedMotion:
+    """This recording minus what the other one's readings are above its prediction, at the same place of the motion.
+
+    What the model lacks in both cancels; what only one has stays. Samples without a counterpart are left out.
+
+    Args:
+        this, other: with the predictions of one model.
+        alignment: of this with the other.
+        alike: (K,) the times of the alignment at which both motions are the same.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES when too little is left.
+    """
+    times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
+    rest = _at(times, other.seconds, other.wrench - other.prediction)
+    varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
+    result = replace(this, wrench=this.wrench - rest, motion_variance=varied)
+    if this.has("wrench") and other.has("wrench"):
+        kept &= np.isfinite(result.wrench).all(axis=1)
+    else:
+        result = replace(result, wrench=np.full_like(this.wrench, np.nan))
+    effort = None
+    if this.effort is not None and other.effort is not None:
+        effort = _efforts(this.effort, other.effort, alignment, alike)
+    if kept.sum() < _FEWEST or (effort is not None and len(effort.seconds) < _FEWEST):
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES, f"compare: only {kept.sum()} samples have a counterpart in the other recording"
+        )
+    return replace(result.select(kept), effort=effort)
+
+
+def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Mask) -> tuple[Array, Mask]:
+    """(N,) s in the other recording, and which samples have one there."""
+    times = alignment.at(seconds)
+    kept = np.isfinite(times) & (times >= others[0]) & (times <= others[-1])
+    kept &= np.interp(seconds, alignment.seconds, alike.astype(np.float64)) > 0.99
+    return np.where(kept, times, others[0]), kept
+
+
+def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask) -> EffortTrack | None:
+    if this.names != other.names:
+        return None
+    times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
+    rest = _at(times, other.seconds, other.measured - other.prediction)
+    varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
+    return replace(this, measured=this.measured - rest, motion_variance=varied).select(kept)
+
+
+def _sum(own: Array | None, others: Array | None, times: Array, seconds: Array) -> Array | None:
+    if own is None or others is None:
+        return own
+    return own + _at(times, seconds, others)
+
+
+def _at(times: Array, seconds: Array, values: Array) -> Array:
+    """(N, C) values (M, C) at times (N,)."""
+    return np.stack([np.interp(times, seconds, column) for column in values.T], axis=1)
