@@ -16,11 +16,11 @@ from poise.types import Array, Mask
 
 _STEP, _MOST = 0.05, 1500
 """s between the postures that are matched, and how many of each recording, at the most."""
-_NEAR = 0.15
+_NEAR = 0.06
 """Share of the spread of the motion within which postures are like each other."""
 _STRAY = 0.01
 """Cost of a step in one recording alone, so that times run at one rate where the robot rests."""
-_FINE, _WINDOW, _REFINEMENTS = 0.02, 0.3, 6
+_FINE, _WINDOW, _REFINEMENTS = 0.02, 0.3, 20
 """s between refined times, s of smoothing, and steps of the refinement."""
 _MOVING = 0.02
 """rad/s or m/s from which a recording moves."""
@@ -51,6 +51,14 @@ class Alignment:
         """This one's speed over the other's, in the middle; NaN when nothing moves."""
         slopes = np.gradient(self.other, self.seconds)[self.moving] if len(self.seconds) > 1 else np.zeros(0)
         return float(np.median(slopes)) if len(slopes) else np.nan
+
+    def reversed(self) -> "Alignment":
+        """The other recording's alignment with this one; `share` stays that of this one."""
+        at = np.arange(self.other[0], self.other[-1], _FINE)
+        times, distance, slip, moving = (
+            np.interp(at, self.other, part) for part in (self.seconds, self.distance, self.slip, self.moving)
+        )
+        return Alignment(at, times, distance, slip, moving > 0.5, self.share)
 
     def alike(self, distance: float, slip: float, margin: float) -> Mask:
         """(K,) times at which postures and velocities differ by less, for `margin` s before and after."""
@@ -146,6 +154,8 @@ def _refined(at: Array, times: Array, this: tuple[Array, Array], other: tuple[Ar
     velocity = np.gradient(place, at, axis=0)
     width = _WINDOW / (at[1] - at[0])
     rates = np.gradient(other[1], other[0], axis=0)
+    even = np.linspace(times[0], times[-1], len(times))
+    times = np.maximum.accumulate(even + gaussian_filter1d(times - even, width))  # the steps of the path are coarse
     for _ in range(_REFINEMENTS):
         rate = _sampled(times, other[0], rates)
         off = place - _sampled(times, *other)

@@ -22,8 +22,8 @@ _SHARED, _LEAST = 0.5, 5.0
 _ALIKE, _SLIP, _MARGIN = 0.05, 0.1, 0.3
 """Relative difference of the speeds within which what depends on the speed is the same in both; the one of single
 samples, in units of the rms speed, and s around them: in a pause of one recording they differ."""
-_EQUAL = 0.02
-"""Difference of the error that two answers leave within which they are as good."""
+_CLEARLY = 1.02
+"""Ratio of the evidence from which the answer about A against B is better than that about B against A."""
 _PER_RECORDING = ("bias_force", "bias_torque", "drift_force", "drift_torque", "clock_offset", "effort_offset")
 """Tolerances of what may differ at every start of a robot: two recordings may be at both edges."""
 
@@ -122,7 +122,7 @@ def compare(
         )
     answers = {"b": _one_way(b, a, matched, stages)}
     if answers["b"].verdict != "none":
-        answers["a"] = _one_way(a, b, align(a, b), stages)
+        answers["a"] = _one_way(a, b, matched.reversed(), stages)
     side: Literal["a", "b"] = "a" if "a" in answers and _better(answers["a"], answers["b"]) else "b"
     found = answers[side]
     changes = tuple(_change(each, side, a, b, stages) for each in found.findings)
@@ -190,24 +190,15 @@ def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, st
     return stages.diagnose(difference(this, with_model_effects(other, common.effects), matched, alike), common)
 
 
-def _left(found: Diagnosis) -> float:
-    """Share of the error that an answer leaves."""
-    proof = found.main.proof
-    return (proof.augmented**2 - 1.0) / max(proof.nominal**2 - 1.0, 1e-3)
-
-
 def _better(one: Diagnosis, usual: Diagnosis) -> bool:
-    """Whether an answer leaves clearly less of the error, or as little with fewer parameters."""
-    if not one.findings or not usual.findings:
-        return bool(one.findings)
-    if abs(_left(one) - _left(usual)) > _EQUAL:
-        return _left(one) < _left(usual)
-    return _size(one) < _size(usual)
+    """Whether an answer has clearly more evidence: what has one sign is imitated badly the other way around."""
+    return _evidence(one) > _CLEARLY * _evidence(usual)
 
 
-def _size(found: Diagnosis) -> int:
-    """Parameters of an answer; friction and other effects of one sign have fewer than what imitates them reversed."""
-    return sum(len(each.values) for each in found.findings) + 100 * (found.unknown is not None)
+def _evidence(found: Diagnosis) -> float:
+    """Nats of the named effects, per sample: the faster recording has fewer."""
+    nats = sum(each.belief.basis.evidence for each in found.findings if each.belief.basis is not None)
+    return nats / sum(len(each.problem.seconds) for each in found.examinations)
 
 
 def _change(
