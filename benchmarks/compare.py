@@ -92,7 +92,7 @@ def place_in_motion(times: Array, motion: str, rng: np.random.Generator) -> Arra
     """(3, N) s of the motion and its rate and acceleration at times (N,)."""
     rate = np.full(len(times), 1.3 if motion == "faster" else 1.0)
     if motion == "pause":
-        begin, length = rng.uniform(8.0, 16.0), rng.uniform(2.0, 5.0)
+        begin, length = times[-1] * rng.uniform(0.3, 0.5), rng.uniform(2.0, 5.0)
         edge = np.clip((np.abs(times - begin - length / 2) - length / 2) / 0.5, 0.0, 1.0)
         rate *= edge**2 * (3 - 2 * edge)
     step = times[1] - times[0]
@@ -103,11 +103,17 @@ def place_in_motion(times: Array, motion: str, rng: np.random.Generator) -> Arra
 
 
 def recording(
-    world: mujoco.MjModel, robot: str, joints: list[str], path: FourierTrajectory, motion: str, rng: np.random.Generator
+    world: mujoco.MjModel,
+    robot: str,
+    joints: list[str],
+    path: FourierTrajectory,
+    motion: str,
+    rng: np.random.Generator,
+    seconds: float,
 ) -> JointStream:
     """Joint states with efforts by inverse dynamics, with noise of their own."""
     arm = RobotModel.from_file(robot)
-    times = np.arange(round(SECONDS * RATE)) / RATE
+    times = np.arange(round(seconds * RATE)) / RATE
     place, rate, more = place_in_motion(times, motion, rng)
     state = path.at(np.clip(place, 0.0, path.duration))
     columns = [arm.joint_names.index(joint) for joint in joints]
@@ -126,22 +132,29 @@ def recording(
     return JointStream(stamps, tuple(joints), *read, efforts + noise * rng.normal(size=efforts.shape))
 
 
-def make_pair(seed: int, folder: Path) -> tuple[list[str], dict[str, Any]]:
-    """Two bags and a model file in a folder; the arguments for the tool, and the truth."""
+def make_pair(
+    seed: int, folder: Path, change: str = "", motion: str = "", seconds: float = SECONDS
+) -> tuple[list[str], dict[str, Any]]:
+    """Two bags and a model file in a folder; change and motion by chance when they are not given.
+
+    Returns:
+        The bags, and the truth.
+    """
     rng = np.random.default_rng([17, seed])
     robot = ROBOTS[seed % len(ROBOTS)]
     xml, joints = nominal_mjcf(robot)
-    change, motion = list(CHANGES)[rng.integers(len(CHANGES))], MOTIONS[rng.integers(len(MOTIONS))]
+    drawn = list(CHANGES)[rng.integers(len(CHANGES))], MOTIONS[rng.integers(len(MOTIONS))]
+    change, motion = change or drawn[0], motion or drawn[1]
     before = common_world(len(joints), rng)
     after, in_b = before.changed(change, rng), bool(rng.integers(2))
     arm = RobotModel.from_file(robot)
     settings = {"speed": 0.8, "amplitude": 0.8, "frequency": 0.1, "harmonics": 5}
-    paths = [FourierTrajectory.random(arm, rng, duration=SECONDS * 1.35, **settings) for _ in range(2)]
+    paths = [FourierTrajectory.random(arm, rng, duration=seconds * 1.35, **settings) for _ in range(2)]
     worlds = (before, after) if in_b else (after, before)
     for name, world, path, moved in zip(
         "ab", worlds, (paths[0], paths[motion == "other"]), ("same", motion), strict=True
     ):
-        stream = recording(world.model(xml, joints), robot, joints, path, moved, rng)
+        stream = recording(world.model(xml, joints), robot, joints, path, moved, rng, seconds)
         write_recording(
             folder / f"{name}.mcap", {"joint_states": stream}, robot_description=read_urdf(find_urdf(robot))
         )

@@ -81,7 +81,7 @@ def _fields(found: Comparison) -> dict[str, Any]:
     for effect in effects:
         change = by_name[effect["name"]]
         effect["present_in"] = change.present_in
-        effect["more_in"] = "b" if change.sign > 0 else "a"
+        effect["more_in"] = change.more_in
         effect["change"] = {name: asdict(number) for name, number in change.change.items()}
         effect["in_a"] = {name: asdict(number) for name, number in change.before.items()}
     return {

@@ -11,7 +11,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.comparing.alignment import Alignment, align, postures
-from poise.mismatch.comparing.difference import difference
+from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
 from poise.mismatch.reading import NominalModel, with_model_effects
 from poise.mismatch.recorded import RecordedMotion
 
@@ -22,8 +22,12 @@ _SHARED, _LEAST = 0.5, 5.0
 _ALIKE, _SLIP, _MARGIN = 0.05, 0.1, 0.3
 """Relative difference of the speeds within which what depends on the speed is the same in both; the one of single
 samples, in units of the rms speed, and s around them: in a pause of one recording they differ."""
+_SKEW = 0.002
+"""Relative difference of two clocks, or of two speeds, from which it matters which of both it is."""
 _CLEARLY = 1.02
 """Ratio of the evidence from which the answer about A against B is better than that about B against A."""
+_REST = 0.1
+"""Share of an effect that may be left where it is gone."""
 _PER_RECORDING = ("bias_force", "bias_torque", "drift_force", "drift_torque", "clock_offset", "effort_offset")
 """Tolerances of what may differ at every start of a robot: two recordings may be at both edges."""
 
@@ -52,11 +56,18 @@ class Change:
         return {n: replace(q, value=self.sign * q.value) for n, q in self.finding.parameters.items()}
 
     @property
+    def more_in(self) -> Literal["a", "b"]:
+        """The recording with more of it."""
+        if self.present_in != "both":
+            return self.present_in
+        return "b" if self.sign > 0 else "a"
+
+    @property
     def sentence(self) -> str:
         """For people."""
         name, lacking = self.finding.effect.name, {"a": "B", "b": "A"}
         if self.present_in == "both":
-            return f"{name}: both recordings have it, and B has {'more' if self.sign > 0 else 'less'} than A."
+            return f"{name}: both recordings have it, and {self.more_in.upper()} has more."
         return f"{name}: recording {self.present_in.upper()} has it, and {lacking[self.present_in]} does not."
 
 
@@ -120,6 +131,9 @@ def compare(
             f"compare: only {matched.share:.0%} of B's motion is also in A, and {_SHARED:.0%} and {_LEAST:g} s are"
             " needed: record the same motion twice, or diagnose each recording with `poise mismatch`",
         )
+    skew = matched.rate if _SKEW < abs(matched.rate - 1.0) < _ALIKE else 1.0
+    if skew != 1.0 and unlike(_less(on_a := with_motion_of(b, a, matched.reversed()), a)) < unlike(_less(b, a)):
+        b, matched = on_a, align(on_a, a)
     answers = {"b": _one_way(b, a, matched, stages)}
     if answers["b"].verdict != "none":
         answers["a"] = _one_way(a, b, matched.reversed(), stages)
@@ -127,7 +141,7 @@ def compare(
     found = answers[side]
     changes = tuple(_change(each, side, a, b, stages) for each in found.findings)
     progress(1.0)
-    return Comparison(found, changes, side, matched, _notes(matched), time.perf_counter() - begin)
+    return Comparison(found, changes, side, matched, _notes(matched, skew), time.perf_counter() - begin)
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -179,15 +193,18 @@ def _same_speed(matched: Alignment) -> bool:
 
 def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: _Stages) -> Diagnosis:
     """What this recording has and the other lacks."""
-    common, slip = stages.model, math.inf
+    common = stages.model if _same_speed(matched) else stages.alone(other).augmented
+    return stages.diagnose(_less(this, with_model_effects(other, common.effects), matched), common)
+
+
+def _less(this: RecordedMotion, other: RecordedMotion, matched: Alignment | None = None) -> RecordedMotion:
+    """This recording without what the other has too, where both move alike."""
+    matched = align(this, other) if matched is None else matched
+    slip = math.inf
     if _same_speed(matched):
-        slip = _SLIP * float(
-            np.sqrt(np.mean(np.square(np.gradient(postures(this)[2], postures(this)[1], axis=0)).sum(1)))
-        )
-    else:
-        common = stages.alone(other).augmented
-    alike = matched.alike(_NEAR, slip, _MARGIN)
-    return stages.diagnose(difference(this, with_model_effects(other, common.effects), matched, alike), common)
+        _, seconds, places = postures(this)
+        slip = _SLIP * float(np.sqrt(np.mean((np.gradient(places, seconds, axis=0) ** 2).sum(axis=1))))
+    return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN))
 
 
 def _better(one: Diagnosis, usual: Diagnosis) -> bool:
@@ -204,24 +221,29 @@ def _evidence(found: Diagnosis) -> float:
 def _change(
     finding: NamedEffect, side: Literal["a", "b"], a: RecordedMotion, b: RecordedMotion, stages: _Stages
 ) -> Change:
-    """The change of an effect; it is in both when the recording that has less of it shows it alone."""
+    """The change of an effect; the recording against which it was found may have it, too."""
     less, sign = (a, 1) if side == "b" else (b, -1)
-    alone = [each for each in stages.alone(less).findings if each.effect.name == finding.effect.name]
-    if not alone:
+    found = [each for each in stages.alone(less).findings if each.effect.name == finding.effect.name]
+    if not found:
         return Change(finding, sign, side, {})
-    before = alone[0].parameters
-    if side == "a":  # what A has: that of B, and more
-        more = finding.parameters
-        before = {
-            n: Quantity(q.value + more[n].value, math.hypot(q.std, more[n].std), q.unit)
-            for n, q in before.items()
-            if n in more
-        }
-    return Change(finding, sign, "both", before)
+    own, delta = found[0].parameters, finding.parameters
+    total = {
+        n: Quantity(q.value + delta[n].value, math.hypot(q.std, delta[n].std), q.unit)
+        for n, q in own.items()
+        if n in delta
+    }
+    linear = [each.name for each in finding.effect.parameters(less) if each.linear and each.name in total]
+    gone = all(abs(total[n].value) < max(3.0 * total[n].std, _REST * abs(own[n].value)) for n in linear)
+    if linear and gone:
+        return Change(finding, sign, "a" if side == "b" else "b", own if side == "b" else {})
+    return Change(finding, sign, "both", own if side == "b" else total)
 
 
-def _notes(matched: Alignment) -> tuple[str, ...]:
+def _notes(matched: Alignment, skew: float) -> tuple[str, ...]:
     notes = [f"{matched.share:.0%} of B's motion is also in A; it is compared at the same postures"]
+    if abs(matched.rate - 1.0) < _SKEW < abs(skew - 1.0):
+        fast = "slow" if skew > 1.0 else "fast"
+        notes.append(f"B's clock runs {abs(skew - 1.0):.1%} {fast} against A's: its readings are taken at A's times")
     if not _same_speed(matched):
         notes.append(f"B moves {matched.rate:.2f} times as fast as A: what A lacks is diagnosed first")
     return tuple(notes)

@@ -44,6 +44,31 @@ def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment
     return replace(result.select(kept), effort=effort)
 
 
+def with_motion_of(this: RecordedMotion, other: RecordedMotion, alignment: Alignment) -> RecordedMotion:
+    """The readings of this recording on the motion and the clock of the other one.
+
+    Args:
+        this, other: of one motion at one speed; this one's clock is wrong.
+        alignment: of the other with this.
+    """
+    times, kept = _counterparts(other.seconds, this.seconds, alignment, np.ones(len(alignment.seconds), dtype=bool))
+    moved = replace(other, wrench=_at(times, this.seconds, this.wrench)).select(kept)
+    if this.effort is None or other.effort is None or this.effort.names != other.effort.names:
+        return replace(moved, effort=None)
+    track = other.effort
+    times, kept = _counterparts(track.seconds, this.effort.seconds, alignment, np.ones(len(alignment.seconds), bool))
+    measured = _at(times, this.effort.seconds, this.effort.measured)
+    return replace(moved, effort=replace(track, measured=measured).select(kept))
+
+
+def unlike(less: RecordedMotion) -> float:
+    """Share of the readings of a difference that its prediction leaves, mean square over channels."""
+    pairs = [(less.wrench, less.prediction)] if less.has("wrench") else []
+    if less.effort is not None:
+        pairs.append((less.effort.measured, less.effort.prediction))
+    return float(np.mean([((m - p).var(axis=0) / np.maximum(m.var(axis=0), 1e-12)).mean() for m, p in pairs]))
+
+
 def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Mask) -> tuple[Array, Mask]:
     """(N,) s in the other recording, and which samples have one there."""
     times = alignment.at(seconds)
