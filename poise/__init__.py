@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from poise.api import diagnose, identify, place, read, robustness, scan, segment
 
 __version__ = "0.1.0"
-__all__ = ["diagnose", "identify", "place", "read", "robustness", "scan", "segment"]
+__all__ = ["compare", "diagnose", "identify", "place", "read", "robustness", "scan", "segment"]
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,8 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia import Identification
 from poise.inertia import identify as _identify
 from poise.inertia.model import load_object
-from poise.mismatch import Diagnosis, NominalModel, joined, load_model, read_recording
+from poise.mismatch import Comparison, Diagnosis, NominalModel, joined, load_model, read_recording
+from poise.mismatch import compare as _compare
 from poise.mismatch import diagnose as _diagnose
 from poise.placement import Options, Placement, plan_placement
 from poise.recording import Recording, open_recording
@@ -157,12 +158,35 @@ def diagnose(
         InputError: a recording lacks a stream, or a file cannot be read.
     """
     several = [recordings] if isinstance(recordings, str | Path | Recording) else list(recordings)
-    if not isinstance(model, NominalModel):
-        model = NominalModel() if model is None else load_model(Path(model))
+    model = _model(model)
     first = read_recording(_recording(several[0]), model)
     readings = [first, *(read_recording(_recording(other), first.model) for other in several[1:])]
     recorded, last = joined([reading.recorded for reading in readings])
     return _diagnose(recorded, first.model, last if last.any() else None)
+
+
+def compare(a: Source | Recording, b: Source | Recording, model: Source | NominalModel | None = None) -> Comparison:
+    """Identify what changed from recording A to recording B of one robot; both are of the same motion.
+
+    Args:
+        a, b: before and after.
+        model: model.yaml; None: the robot_description of A, with default tolerances.
+
+    Example:
+        >>> poise.compare("before.mcap", "after.mcap", "model.yaml").changes
+
+    Raises:
+        InputError: a recording lacks a stream, or the joints differ.
+        NoAnswerError: NOT_IDENTIFIABLE when the motions differ.
+    """
+    first = read_recording(_recording(a), _model(model))
+    return _compare(first.recorded, read_recording(_recording(b), first.model).recorded, first.model)
+
+
+def _model(source: Source | NominalModel | None) -> NominalModel:
+    if isinstance(source, NominalModel):
+        return source
+    return NominalModel() if source is None else load_model(Path(source))
 
 
 def _push(source: PushSource) -> Push:

@@ -41,7 +41,7 @@ def compare(
     deadline: _DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
-    """Identify what changed from recording A to recording B of the same robot.
+    """Identify what changed from one recording of a robot to another.
 
     The motions are matched by themselves: B may start elsewhere, run at another speed, or pause. At the same postures,
     what the model lacks in both recordings cancels. Different motions are refused.
@@ -77,7 +77,7 @@ def _fields(found: Comparison) -> dict[str, Any]:
     """What a comparison has beyond a diagnosis."""
     matched = found.alignment
     by_name = {change.finding.effect.name: change for change in found.changes}
-    effects = as_json(found.diagnosis, [])["effects"]
+    effects = [effect for effect in as_json(found.diagnosis, [])["effects"] if effect["name"] in by_name]
     for effect in effects:
         change = by_name[effect["name"]]
         effect["present_in"] = change.present_in

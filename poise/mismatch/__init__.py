@@ -7,15 +7,19 @@ Rooms, from the ground up; arrows between them run upwards only:
 - `reading`: model.yaml, and a recording with the prediction of its nominal model.
 - `inference`: noise, calibration errors, fits and the search over hypotheses.
 - `answer`: the diagnosis, live windows, and the motion that discriminates between two explanations.
+- `comparing`: what changed between two recordings.
 - `application`: simulation and compensation with the identified effects.
 """
 
 from poise.mismatch.answer import Diagnosis, diagnose
+from poise.mismatch.comparing import Comparison, compare
 from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, parse_model, read_recording
 
 __all__ = [
+    "Comparison",
     "Diagnosis",
     "NominalModel",
+    "compare",
     "diagnose",
     "dump_model",
     "joined",

@@ -39,7 +39,7 @@ def test_times_are_found_beside_another_start_and_another_speed(rate: float) -> 
     assert matched.rate == pytest.approx(rate, abs=2e-3)
     assert matched.share == pytest.approx(min(14.0 / rate / 20.0, 1.0), abs=0.05)
     back = matched.reversed()
-    assert np.abs(back.other - (back.seconds - 6.0) / rate)[5:-5].max() < 5e-3
+    assert np.abs(back.other - (back.seconds - 6.0) / rate)[5:-5].max() < 0.01
 
 
 def test_a_pause_is_found_and_does_not_count_as_alike() -> None:

@@ -81,7 +81,9 @@ def postures(recorded: RecordedMotion) -> tuple[tuple[str, ...], Array, Array]:
     """
     track = recorded.joints if recorded.joints is not None else recorded.effort
     if track is None:
-        raise InputError(ErrorCode.UNSUPPORTED, "compare: a recording without joint_states cannot be matched")
+        raise InputError(
+            ErrorCode.UNSUPPORTED, "compare: motions are matched by joint_states, and a recording has none"
+        )
     seconds = recorded.seconds if recorded.joints is not None or recorded.effort is None else recorded.effort.seconds
     if recorded.base is None or recorded.joints is None:
         return track.names, seconds, track.position

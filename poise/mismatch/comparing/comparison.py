@@ -30,6 +30,10 @@ _REST = 0.1
 """Share of an effect that may be left where it is gone."""
 _PER_RECORDING = ("bias_force", "bias_torque", "drift_force", "drift_torque", "clock_offset", "effort_offset")
 """Tolerances of what may differ at every start of a robot: two recordings may be at both edges."""
+_OF_ROBOT, _LEFT = ("link_mass", "motor_gain", "sensor_gain", "sensor_rotation"), 0.2
+"""Tolerances, with those of the payload, of what is the same in both recordings; this share of them may stay."""
+
+_EQUAL_NOTE = "each recording by itself shows the same {}: it acts on what changed, and is no change"
 
 Side = Literal["a", "b", "both"]
 
@@ -139,9 +143,12 @@ def compare(
         answers["a"] = _one_way(a, b, matched.reversed(), stages)
     side: Literal["a", "b"] = "a" if "a" in answers and _better(answers["a"], answers["b"]) else "b"
     found = answers[side]
-    changes = tuple(_change(each, side, a, b, stages) for each in found.findings)
+    changes = [_change(each, side, a, b, stages) for each in found.findings]
+    equal = [each for each in changes if len(changes) > 1 and each.present_in == "both" and _equal(each, a, b, stages)]
+    notes = [*_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
+    kept = tuple(each for each in changes if each not in equal)
     progress(1.0)
-    return Comparison(found, changes, side, matched, _notes(matched, skew), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -177,8 +184,10 @@ class _Stages:
 
 def _for_two(model: NominalModel) -> NominalModel:
     tolerance = model.tolerance
-    wider = {name: 2.0 * getattr(tolerance, name) for name in _PER_RECORDING}
-    return replace(model, tolerance=replace(tolerance, **wider))
+    changed = {name: 2.0 * getattr(tolerance, name) for name in _PER_RECORDING}
+    same = (*_OF_ROBOT, "payload_mass", "payload_com", "payload_inertia")
+    changed |= {name: _LEFT * getattr(tolerance, name) for name in same}
+    return replace(model, tolerance=replace(tolerance, **changed))
 
 
 def _same_path(matched: Alignment) -> bool:
@@ -225,7 +234,9 @@ def _change(
     less, sign = (a, 1) if side == "b" else (b, -1)
     found = [each for each in stages.alone(less).findings if each.effect.name == finding.effect.name]
     if not found:
-        return Change(finding, sign, side, {})
+        # A payload that is lighter than the model's is a load of the other recording.
+        taken = "mass" in finding.parameters and finding.parameters["mass"].value < 0
+        return Change(finding, sign, side if not taken else "a" if side == "b" else "b", {})
     own, delta = found[0].parameters, finding.parameters
     total = {
         n: Quantity(q.value + delta[n].value, math.hypot(q.std, delta[n].std), q.unit)
@@ -237,6 +248,19 @@ def _change(
     if linear and gone:
         return Change(finding, sign, "a" if side == "b" else "b", own if side == "b" else {})
     return Change(finding, sign, "both", own if side == "b" else total)
+
+
+def _equal(change: Change, a: RecordedMotion, b: RecordedMotion, stages: _Stages) -> bool:
+    """Whether each recording by itself shows the same of an effect: then it acts on the other changes, too."""
+    name = change.finding.effect.name
+    alone = [[f for f in stages.alone(each).findings if f.effect.name == name] for each in (a, b)]
+    if not all(alone):
+        return False
+    one, other = (found[0].parameters for found in alone)
+    return all(
+        abs(other[n].value - q.value) < max(3.0 * math.hypot(q.std, other[n].std), _REST * abs(q.value))
+        for n, q in one.items()
+    )
 
 
 def _notes(matched: Alignment, skew: float) -> tuple[str, ...]:
