@@ -85,6 +85,7 @@ def _fields(found: Comparison) -> dict[str, Any]:
         effect["change"] = {name: asdict(number) for name, number in change.change.items()}
         effect["in_a"] = {name: asdict(number) for name, number in change.before.items()}
     return {
+        "verdict": found.verdict,
         "effects": effects,
         "alignment": {"share": matched.share, "rate": matched.rate, "notes": list(found.notes)},
         "seconds": found.seconds,

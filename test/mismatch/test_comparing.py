@@ -1,6 +1,7 @@
 """Two recordings of one robot: matched by their motion, and what changed between them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -69,6 +70,9 @@ def test_a_change_of_the_wrench_is_found_in_the_recording_that_has_it() -> None:
         found = compare(first, second, before.model)
         assert (found.verdict, [each.finding.effect.name for each in found.changes]) == ("named", ["mass_step"])
         assert found.changes[0].present_in == found.changes[0].more_in == side
+    silent = replace(a, wrench=np.full_like(a.wrench, np.nan))
+    with pytest.raises(NoAnswerError, match="no wrench"):  # of one of them, and no efforts
+        compare(silent, b, before.model)
     with pytest.raises(InputError, match="same readings"):
         compare(a, a, before.model)
     with pytest.raises(NoAnswerError) as caught:  # another motion

@@ -12,7 +12,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
-from poise.mismatch.reading import NominalModel, with_model_effects
+from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
 from poise.mismatch.recorded import RecordedMotion
 
 _NEAR = 0.1
@@ -98,7 +98,9 @@ class Comparison:
     @property
     def verdict(self) -> str:
         """none, named, unknown or mixed, as of a diagnosis."""
-        return self.diagnosis.verdict
+        if self.diagnosis.unknown is None:
+            return "named" if self.changes else "none"
+        return "mixed" if self.changes else "unknown"
 
 
 def compare(
@@ -127,7 +129,9 @@ def compare(
     """
     begin = time.perf_counter()
     _check_apart(a, b)
-    stages = _Stages(_for_two(model), deadline, progress)
+    uncompared = _uncompared(a, b)
+    a, b = with_common_efforts([a, b])
+    stages = _Stages(model, deadline, progress)
     matched = align(b, a)
     if not _same_path(matched):
         raise NoAnswerError(
@@ -145,7 +149,7 @@ def compare(
     found = answers[side]
     changes = [_change(each, side, a, b, stages) for each in found.findings]
     equal = [each for each in changes if len(changes) > 1 and each.present_in == "both" and _equal(each, a, b, stages)]
-    notes = [*_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
+    notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
     progress(1.0)
     return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
@@ -163,9 +167,9 @@ class _Stages:
     """The diagnoses of a comparison, their time limit and their progress."""
 
     def __init__(self, model: NominalModel, deadline: float, progress: Callable[[float], None]) -> None:
-        self.model = model
+        self.model, self.for_two = model, _for_two(model)
         self._end, self._progress, self._done = time.perf_counter() + deadline, progress, 0.0
-        self._alone = list[tuple[RecordedMotion, Diagnosis]]()
+        self._alone = list[tuple[RecordedMotion, NominalModel, Diagnosis]]()
 
     def diagnose(self, recorded: RecordedMotion, model: NominalModel) -> Diagnosis:
         """A quarter of the progress."""
@@ -173,13 +177,13 @@ class _Stages:
         self._done = min(done + 0.25, 0.75)
         return diagnose(recorded, model, deadline=left, progress=lambda share: self._progress(done + 0.25 * share))
 
-    def alone(self, recorded: RecordedMotion) -> Diagnosis:
-        """What the model lacks in one recording."""
-        known = [found for each, found in self._alone if each is recorded]
-        if not known:
-            known = [self.diagnose(recorded, self.model)]
-            self._alone.append((recorded, known[0]))
-        return known[0]
+    def alone(self, recorded: RecordedMotion, model: NominalModel) -> Diagnosis:
+        """What a model lacks in one recording."""
+        for each, known, found in self._alone:
+            if each is recorded and known is model:
+                return found
+        self._alone.append((recorded, model, self.diagnose(recorded, model)))
+        return self._alone[-1][2]
 
 
 def _for_two(model: NominalModel) -> NominalModel:
@@ -202,7 +206,7 @@ def _same_speed(matched: Alignment) -> bool:
 
 def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: _Stages) -> Diagnosis:
     """What this recording has and the other lacks."""
-    common = stages.model if _same_speed(matched) else stages.alone(other).augmented
+    common = stages.for_two if _same_speed(matched) else stages.alone(other, stages.for_two).augmented
     return stages.diagnose(_less(this, with_model_effects(other, common.effects), matched), common)
 
 
@@ -232,7 +236,7 @@ def _change(
 ) -> Change:
     """The change of an effect; the recording against which it was found may have it, too."""
     less, sign = (a, 1) if side == "b" else (b, -1)
-    found = [each for each in stages.alone(less).findings if each.effect.name == finding.effect.name]
+    found = [each for each in stages.alone(less, stages.model).findings if each.effect.name == finding.effect.name]
     if not found:
         # A payload that is lighter than the model's is a load of the other recording.
         taken = "mass" in finding.parameters and finding.parameters["mass"].value < 0
@@ -250,10 +254,21 @@ def _change(
     return Change(finding, sign, "both", own if side == "b" else total)
 
 
+def _uncompared(a: RecordedMotion, b: RecordedMotion) -> list[str]:
+    """What only one of the recordings has, one sentence each."""
+    notes = []
+    if a.has("wrench") != b.has("wrench"):
+        notes.append(f"only {'A' if a.has('wrench') else 'B'} has a wrench: it is not compared")
+    efforts = [set() if each.effort is None else set(each.effort.names) for each in (a, b)]
+    if alone := sorted(efforts[0] ^ efforts[1]):
+        notes.append(f"only one recording has usable efforts of {', '.join(alone)}: they are not compared")
+    return notes
+
+
 def _equal(change: Change, a: RecordedMotion, b: RecordedMotion, stages: _Stages) -> bool:
     """Whether each recording by itself shows the same of an effect: then it acts on the other changes, too."""
     name = change.finding.effect.name
-    alone = [[f for f in stages.alone(each).findings if f.effect.name == name] for each in (a, b)]
+    alone = [[f for f in stages.alone(each, stages.model).findings if f.effect.name == name] for each in (a, b)]
     if not all(alone):
         return False
     one, other = (found[0].parameters for found in alone)

@@ -19,7 +19,7 @@ def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment
     What the model lacks in both cancels; what only one has stays. Samples without a counterpart are left out.
 
     Args:
-        this, other: with the predictions of one model.
+        this, other: with the predictions of one model, and with efforts of the same joints.
         alignment: of this with the other.
         alike: (K,) the times of the alignment at which both motions are the same.
 
@@ -53,7 +53,7 @@ def with_motion_of(this: RecordedMotion, other: RecordedMotion, alignment: Align
     """
     times, kept = _counterparts(other.seconds, this.seconds, alignment, np.ones(len(alignment.seconds), dtype=bool))
     moved = replace(other, wrench=_at(times, this.seconds, this.wrench)).select(kept)
-    if this.effort is None or other.effort is None or this.effort.names != other.effort.names:
+    if this.effort is None or other.effort is None:
         return replace(moved, effort=None)
     track = other.effort
     times, kept = _counterparts(track.seconds, this.effort.seconds, alignment, np.ones(len(alignment.seconds), bool))
@@ -77,9 +77,7 @@ def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Ma
     return np.where(kept, times, others[0]), kept
 
 
-def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask) -> EffortTrack | None:
-    if this.names != other.names:
-        return None
+def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask) -> EffortTrack:
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
     rest = _at(times, other.seconds, other.measured - other.prediction)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)

@@ -1,6 +1,6 @@
 """From a recording and model.yaml to a recorded motion with the prediction of the nominal model."""
 
-from poise.mismatch.reading.joining import joined, spans, without
+from poise.mismatch.reading.joining import joined, spans, with_common_efforts, without
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.load_on_efforts import acting_on_efforts, on_efforts, with_rest
 from poise.mismatch.reading.measured_streams import MeasuredStreams
@@ -37,6 +37,7 @@ __all__ = [
     "read_streams",
     "recorded_from_motion",
     "spans",
+    "with_common_efforts",
     "with_model_effects",
     "with_rest",
     "without",

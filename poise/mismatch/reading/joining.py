@@ -28,7 +28,7 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
         return recordings[0], np.zeros(len(recordings[0]), dtype=bool)
     if len({recorded.joints.names for recorded in recordings if recorded.joints is not None}) > 1:
         raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
-    recordings = _with_common_efforts(recordings)
+    recordings = with_common_efforts(recordings)
     if len({recorded.has("wrench") for recorded in recordings}) > 1:
         raise InputError(
             ErrorCode.BAD_INPUT, "only some of the recordings have a wrench: diagnose the others separately"
@@ -56,7 +56,7 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     return whole, last
 
 
-def _with_common_efforts(recordings: Sequence[RecordedMotion]) -> list[RecordedMotion]:
+def with_common_efforts(recordings: Sequence[RecordedMotion]) -> list[RecordedMotion]:
     """With the efforts of the joints that have a usable one in every recording."""
     tracks = [recorded.effort for recorded in recordings]
     common = set.intersection(*(set() if track is None else set(track.names) for track in tracks))
