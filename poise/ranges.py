@@ -30,6 +30,9 @@ RANGES = {
     "com": Range(-1e3, 1e3, "m"),
     "inertia": Range(-1e9, 1e9, "kg m2"),
     "covariance": Range(-1e12, 1e12, "kg, kg m, kg m2 squared"),
+    "pose_covariance": Range(-1e2, 1e2, "m2, m rad, rad2"),
+    "position of pose_std": Range(0.0, 1.0, "m"),
+    "rotation_deg of pose_std": Range(0.0, 45.0, "degrees"),
     "gravity": Range(0.1, 100.0, "m/s2"),
     "friction": Range(0.0, 10.0, ""),
     "point": Range(-1e4, 1e4, "m"),
@@ -109,17 +112,21 @@ def _numbers(values: Any, expected: str, **data: Any) -> Array:
         raise InputError(ErrorCode.BAD_INPUT, f"{expected}, found {values!r:.80}", **data) from error
 
 
-def check_covariance(values: Sequence[float] | Array, where: str = "") -> None:
-    """Raise unless 100 numbers are a symmetric and positive semi-definite matrix.
+_COVARIANCE_SIZES = {"covariance": 10, "pose_covariance": 6}
+
+
+def check_covariance(values: Sequence[float] | Array, where: str = "", name: str = "covariance") -> None:
+    """Raise unless the numbers are a symmetric and positive semi-definite matrix: 100, or 36 of a `pose_covariance`.
 
     Raises:
         InputError: NOT_FINITE, BAD_INPUT.
     """
-    if len(values) != 100:
-        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance: {len(values)} numbers; it has 100, or none")
-    check_range("covariance", values, where)
-    matrix = np.asarray(values, dtype=np.float64).reshape(10, 10)
-    # Mass, first moment and inertia have scales of their own: compare correlations.
+    size = _COVARIANCE_SIZES[name]
+    if len(values) != size**2:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}{name}: {len(values)} numbers; it has {size**2}, or none")
+    check_range(name, values, where)
+    matrix = np.asarray(values, dtype=np.float64).reshape(size, size)
+    # Mass, first moment and inertia, like lengths and angles, have scales of their own: compare correlations.
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scaled = matrix / np.maximum(np.outer(scale, scale), 1e-300)
     flat = scale == 0
@@ -129,4 +136,4 @@ def check_covariance(values: Sequence[float] | Array, where: str = "") -> None:
         or not np.allclose(scaled, scaled.T, atol=_ROUNDING)
         or np.linalg.eigvalsh((scaled + scaled.T) / 2)[0] < -_ROUNDING
     ):
-        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance is not symmetric and positive semi-definite")
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}{name} is not symmetric and positive semi-definite")

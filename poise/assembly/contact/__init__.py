@@ -7,21 +7,30 @@
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
 from poise.assembly.contact.graph import FIXED_NODE, ContactBlock, Structure
-from poise.assembly.contact.penetration import convex_geometry, distance_to_triangles, winding_number
-from poise.assembly.contact.placed import bounds_of, triangle_areas
+from poise.assembly.contact.patches import patches_between
+from poise.assembly.contact.penetration import (
+    convex_geometry,
+    distance_between,
+    distance_to_triangles,
+    winding_number,
+)
+from poise.assembly.contact.placed import ContactPatch, bounds_of, triangle_areas
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
 
 __all__ = [
     "CONTACT_MARGIN",
     "FIXED_NODE",
     "ContactBlock",
+    "ContactPatch",
     "Interface",
     "Structure",
     "SurfacePoints",
     "bounds_of",
     "convex_geometry",
+    "distance_between",
     "distance_to_triangles",
     "find_interfaces",
+    "patches_between",
     "sample_surface",
     "triangle_areas",
     "winding_number",

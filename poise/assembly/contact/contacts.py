@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from poise.assembly.contact.patches import patches_between
 from poise.assembly.contact.penetration import penetration_depth
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, placed, triangle_areas
-from poise.assembly.contact.round_contacts import round_patches
-from poise.assembly.contact.touching import FACE_ANGLE, touching_patches
+from poise.assembly.contact.touching import FACE_ANGLE
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit
@@ -70,9 +70,8 @@ def find_interfaces(
             continue
         first, second = bodies[i], bodies[j]
         _check_overlap(first, second, margin)
-        search = round_patches if first.cylinder or second.cylinder else touching_patches
         friction = assembly.friction_between(first.item.id, second.item.id)
-        for group in _by_plane(search(first, second, margin), margin):
+        for group in _by_plane(patches_between(first.item, second.item, margin), margin):
             interfaces.append(_merged(group, i, j, friction))
     return interfaces
 

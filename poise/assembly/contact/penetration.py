@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.assembly.contact.placed import PlacedBody, meeting
-from poise.assembly.scene import Box, Cylinder, Shape
+from poise.assembly.scene import Box, Cylinder, RigidObject, Shape
 from poise.types import Array, Mask
 
 _CROSSINGS, _PRODUCTS = 60_000, 2_000_000
@@ -40,6 +40,16 @@ def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
             return 0.0
         return float(max(0.0, -result.getContact(0).penetration_depth))
     return max(_deepest(first, second), _deepest(second, first))
+
+
+def distance_between(first: RigidObject, second: RigidObject) -> float:
+    """m between the convex hulls of two objects; 0 where these overlap."""
+    shapes, places = [], []
+    for item in (first, second):
+        shapes.append(convex_geometry(cast(Hashable, item.shape)))
+        places.append(coal.Transform3s(item.pose.rotation, item.pose.translation))
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return max(0.0, float(coal.distance(shapes[0], places[0], shapes[1], places[1], request, result)))
 
 
 @lru_cache(maxsize=256)

@@ -6,7 +6,15 @@
 
 from poise.assembly.scene.mesh_files import load_mesh
 from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
-from poise.assembly.scene.scene_files import load_scene, read_object, read_scene, scene_content, write_scene
+from poise.assembly.scene.scene_files import (
+    load_scene,
+    pose_covariance_of,
+    read_object,
+    read_scene,
+    scene_content,
+    with_pose_covariance,
+    write_scene,
+)
 from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, merge_facets
 
 __all__ = [
@@ -22,8 +30,10 @@ __all__ = [
     "load_mesh",
     "load_scene",
     "merge_facets",
+    "pose_covariance_of",
     "read_object",
     "read_scene",
     "scene_content",
+    "with_pose_covariance",
     "write_scene",
 ]

@@ -32,6 +32,8 @@ class RigidObject:
         com: (3,) centre of mass in the object frame, m; None: the centroid of the shape.
         inertia: (3, 3) about the centre of mass, in the object's axes, kg m2; None: uniform density.
         covariance: (10, 10) of (m, m c, I about the object frame's origin); None: known exactly.
+        pose_covariance: (6, 6) of (position of the object frame, m, rotation vector, rad), in the assembly's axes;
+            None: known exactly. `poise.assembly.settle` finds poses that touch.
 
     Raises:
         InputError: NOT_FINITE or OBJECT_INVALID, naming the object and the entry.
@@ -45,6 +47,7 @@ class RigidObject:
     com: Array | None = None
     inertia: Array | None = None
     covariance: Array | None = None
+    pose_covariance: Array | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.id, str) or not self.id:
@@ -67,6 +70,8 @@ class RigidObject:
                 )
         if self.covariance is not None:
             check_covariance(np.ravel(self.covariance), where)
+        if self.pose_covariance is not None:
+            check_covariance(np.ravel(self.pose_covariance), where, name="pose_covariance")
 
     def _invalid(self, what: str) -> InputError:
         return InputError(ErrorCode.OBJECT_INVALID, f"object {self.id}: {what}", object=self.id)

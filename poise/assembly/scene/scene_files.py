@@ -1,6 +1,7 @@
 """Scene files: YAML in, an `Assembly` out, and back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,26 @@ from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.ranges import check_range
 from poise.types import Array
 
 _MAX_BYTES = 16_000_000
 _UPPER = np.triu_indices(3)
 
-_SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs"}
-_OBJECT_KEYS = {"id", "fixed", "box", "cylinder", "mesh", "scale", "pose", "mass", "com", "inertia", "covariance"}
+_SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs", "pose_std"}
+_SHAPE_KEYS = {"box", "cylinder", "mesh", "scale"}
+_OBJECT_KEYS = _SHAPE_KEYS | {
+    "id",
+    "fixed",
+    "pose",
+    "mass",
+    "com",
+    "inertia",
+    "covariance",
+    "pose_std",
+    "pose_covariance",
+}
+_STD_KEYS = {"position", "rotation_deg"}
 _PAIR_KEYS = {"objects", "coefficient", "deviation"}
 
 
@@ -50,8 +64,11 @@ def read_scene(content: Any, folder: Path = Path()) -> Assembly:
     objects = _list(scene.get("objects"), "objects")
     pairs = _list(scene.get("friction_pairs", []), "friction_pairs")
     friction = scene.get("friction", 0.5)
+    items = tuple(read_object(entry, folder, f"objects[{i}]") for i, entry in enumerate(objects))
+    if "pose_std" in scene:
+        items = with_pose_covariance(items, _pose_std(scene["pose_std"], "pose_std"))
     return Assembly(
-        objects=tuple(read_object(entry, folder, f"objects[{i}]") for i, entry in enumerate(objects)),
+        objects=items,
         gravity=_numbers(scene.get("gravity", [0, 0, -STANDARD_GRAVITY]), 3, "gravity"),
         friction=None if friction is None else _number(friction, "friction"),
         friction_pairs=tuple(_pair(entry, f"friction_pairs[{i}]") for i, entry in enumerate(pairs)),
@@ -88,9 +105,23 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
         com=_numbers(entry["com"], 3, f"{where}: com") if "com" in entry else None,
         inertia=inertia,
         covariance=None if covariance is None else _numbers(covariance, 100, f"{where}: covariance").reshape(10, 10),
+        pose_covariance=_pose_covariance(entry, where),
     )
     check_density(item)
     return item
+
+
+def with_pose_covariance(items: Iterable[RigidObject], covariance: Array) -> tuple[RigidObject, ...]:
+    """Objects whose poses are uncertain by a (6, 6) covariance, unless they are fixed or have one of their own."""
+    return tuple(
+        item if item.fixed or item.pose_covariance is not None else replace(item, pose_covariance=covariance)
+        for item in items
+    )
+
+
+def pose_covariance_of(position: float, rotation: float) -> Array:
+    """(6, 6) of independent errors of a pose: of each coordinate, m, and about each axis, rad, one sigma each."""
+    return np.diag(np.repeat([position, rotation], 3) ** 2.0)
 
 
 def write_scene(assembly: Assembly, path: str | Path) -> None:
@@ -143,6 +174,8 @@ def _object_content(item: RigidObject) -> dict[str, Any]:
         content["inertia"] = np.asarray(item.inertia)[_UPPER].tolist()
     if item.covariance is not None:
         content["covariance"] = np.ravel(item.covariance).tolist()
+    if item.pose_covariance is not None:
+        content["pose_covariance"] = np.ravel(item.pose_covariance).tolist()
     return content
 
 
@@ -169,6 +202,25 @@ def _pose(value: Any, where: str) -> Pose:
             ErrorCode.BAD_INPUT, f"{where}: the quaternion of its pose (x y z w) has length {length:.4g}, expected 1"
         )
     return Pose.from_vector(numbers)
+
+
+def _pose_covariance(entry: Mapping[str, Any], where: str) -> Array | None:
+    """(6, 6) of an object's `pose_std` or `pose_covariance`; None when it has neither."""
+    if "pose_std" in entry and "pose_covariance" in entry:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: give pose_std or pose_covariance, not both")
+    if "pose_std" in entry:
+        return _pose_std(entry["pose_std"], f"{where}: pose_std")
+    if "pose_covariance" in entry:
+        return _numbers(entry["pose_covariance"], 36, f"{where}: pose_covariance").reshape(6, 6)
+    return None
+
+
+def _pose_std(content: Any, where: str) -> Array:
+    entry = _mapping(content, where, _STD_KEYS)
+    position, degrees = (_number(entry.get(key, 0.0), f"{where}: {key}") for key in ("position", "rotation_deg"))
+    check_range("position of pose_std", position, f"{where}: ")
+    check_range("rotation_deg of pose_std", degrees, f"{where}: ")
+    return pose_covariance_of(position, np.radians(degrees))
 
 
 def _pair(content: Any, where: str) -> FrictionPair:

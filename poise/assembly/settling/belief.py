@@ -1,0 +1,160 @@
+"""What is known about where bodies are: a Gaussian of small steps, conditioned on contacts that hold."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from poise.assembly.settling.rows import DistanceRows, moved, steps_between
+from poise.geometry import Pose
+from poise.types import Array, Indices
+
+POINTS = 3
+"""Distances at each place where two bodies may touch."""
+FIT = 1e-6
+"""m, one sigma: how exactly bodies in contact are brought together."""
+_REACH = 4e-3
+"""m: distances that are larger than their bound by more than this are not looked at in one iteration."""
+_CONVERGED = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBodies:
+    """Where bodies were seen, and how well that is known.
+
+    Args:
+        poses: N poses.
+        slot: (N,) the number of each body among the M that may move; -1 for others.
+        covariance: (M, 6, 6) of steps, as in `DistanceRows.linearised`.
+    """
+
+    poses: Pose
+    slot: Indices
+    covariance: Array
+
+    @property
+    def count(self) -> int:
+        """M."""
+        return len(self.covariance)
+
+    def spread(self, rows: DistanceRows, poses: Pose) -> tuple[Array, Array]:
+        """(M,) m: one sigma of each distance by the first body's pose, and by the second's."""
+        _, *blocks = rows.linearised(poses)
+        found = []
+        for places, block in zip((rows.first, rows.second), blocks, strict=True):
+            slot = self.slot[places]
+            square = np.einsum("mi,mij,mj->m", block, self.covariance[slot], block)
+            found.append(np.sqrt(np.where(slot >= 0, square, 0.0)))
+        return found[0], found[1]
+
+    def jacobian(self, rows: DistanceRows, poses: Pose) -> tuple[Array, Array]:
+        """Distances (R,) and their derivatives (R, 6 M)."""
+        distance, *blocks = rows.linearised(poses)
+        jacobian = np.zeros((len(rows), self.count, 6))
+        for places, block in zip((rows.first, rows.second), blocks, strict=True):
+            own = np.flatnonzero(self.slot[places] >= 0)
+            jacobian[own, self.slot[places[own]]] += block[own]
+        return distance, jacobian.reshape(len(rows), 6 * self.count)
+
+    def times_covariance(self, jacobian: Array) -> Array:
+        """(6 M, R) covariance times the transpose of a Jacobian (R, 6 M)."""
+        blocks = jacobian.reshape(len(jacobian), self.count, 6)
+        return np.asarray(np.einsum("mij,rmj->mir", self.covariance, blocks).reshape(6 * self.count, len(jacobian)))
+
+    def stepped(self, poses: Pose, steps: Array) -> Pose:
+        """The N poses after steps (6 M,) of those that may move."""
+        every = np.zeros((len(self.slot), 6))
+        every[self.slot >= 0] = steps.reshape(-1, 6)[self.slot[self.slot >= 0]]
+        return moved(poses, every)
+
+
+class Belief:
+    """The Gaussian of all steps from where the bodies were seen, conditioned on one contact after the other.
+
+    Args:
+        bodies: where they were seen.
+        rows: of all places where they may touch, `POINTS` each.
+    """
+
+    def __init__(self, bodies: SeenBodies, rows: DistanceRows) -> None:
+        self.distance, self.of_first, self.of_second = rows.linearised(bodies.poses)
+        self._slots = bodies.slot[rows.first[::POINTS]], bodies.slot[rows.second[::POINTS]]
+        self.mean = np.zeros(6 * bodies.count)
+        self.covariance = block_diag(*bodies.covariance)
+
+    def shift(self, number: int, of_first: bool) -> Array:
+        """(POINTS,) m by which the mean of one body alone changes the distances of a place."""
+        slot = int(self._slots[0 if of_first else 1][number])
+        rows = slice(POINTS * number, POINTS * number + POINTS)
+        block = (self.of_first if of_first else self.of_second)[rows]
+        return np.asarray(block @ self.mean[6 * slot : 6 * slot + 6] if slot >= 0 else np.zeros(POINTS))
+
+    def expected(self, number: int) -> tuple[Array, Array]:
+        """Mean (POINTS,), m, and covariance (POINTS, POINTS) of the distances of one place."""
+        distance, jacobian, columns = self._local(number)
+        found = jacobian @ self.covariance[columns[:, None], columns] @ jacobian.T
+        return distance + jacobian @ self.mean[columns], found
+
+    def accept(self, number: int) -> None:
+        """Condition on distances of zero, to within `FIT`."""
+        distance, jacobian, columns = self._local(number)
+        across = self.covariance[:, columns] @ jacobian.T
+        expected = jacobian @ across[columns] + FIT**2 * np.eye(POINTS)
+        gain = np.linalg.solve(expected, across.T).T
+        self.mean -= gain @ (distance + jacobian @ self.mean[columns])
+        self.covariance -= gain @ across.T
+
+    def _local(self, number: int) -> tuple[Array, Array, Indices]:
+        """Distances of a place, and their derivatives for the columns of its bodies alone."""
+        rows = slice(POINTS * number, POINTS * number + POINTS)
+        blocks = self.of_first[rows], self.of_second[rows]
+        own = [side for side in (0, 1) if self._slots[side][number] >= 0]
+        columns = np.concatenate([6 * self._slots[side][number] + np.arange(6) for side in own])
+        return self.distance[rows], np.concatenate([blocks[side] for side in own], axis=1), columns
+
+
+def most_likely(
+    bodies: SeenBodies,
+    start: Pose,
+    contacts: DistanceRows,
+    apart: DistanceRows,
+    bounds: Array,
+    slack: Array,
+    iterations: int,
+) -> Pose:
+    """The most likely poses at which all contacts touch and other distances keep their bounds (Gauss-Newton).
+
+    In each iteration the Gaussian is conditioned on the contacts (a Kalman update), and then moved by as little as the
+    bounds need (Lawson, Hanson 1974, on the dual).
+
+    Args:
+        bodies: where they were seen.
+        start: poses to linearise at first.
+        contacts: distances that become zero.
+        apart: distances that become at least `bounds` (R,), m, as exactly as `slack` (R,), m, says.
+        iterations: at most.
+    """
+    poses = start
+    seen = bodies.slot >= 0
+    order = np.argsort(bodies.slot[seen])
+    for _ in range(iterations):
+        steps = steps_between(poses, bodies.poses)[seen][order].ravel()
+        distance, jacobian = bodies.jacobian(contacts, poses)
+        across = bodies.times_covariance(jacobian)
+        system = cho_factor(jacobian @ across + FIT**2 * np.eye(len(contacts)))
+        steps = steps - across @ cho_solve(system, distance + jacobian @ steps)
+        height, slopes = bodies.jacobian(apart, poses)
+        lacking = bounds - height - slopes @ steps
+        close = np.flatnonzero(lacking > -_REACH)
+        if np.any(lacking > 0):
+            slopes = slopes[close]
+            free = bodies.times_covariance(slopes)
+            free -= across @ cho_solve(system, jacobian @ free)
+            root = cholesky(slopes @ free + np.diag(slack[close] ** 2), lower=True)
+            forces = nnls(root.T, solve_triangular(root, lacking[close], lower=True))[0]
+            steps = steps + free @ forces
+        poses = bodies.stepped(poses, steps)
+        if np.abs(steps).max(initial=0.0) < _CONVERGED:
+            break
+    return poses

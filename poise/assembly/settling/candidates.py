@@ -1,0 +1,164 @@
+"""Where bodies may touch: flat faces on flat faces, and round sides along a line of a flat face."""
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+import shapely
+
+from poise.assembly.contact import patches_between
+from poise.assembly.scene import Cylinder, RigidObject
+from poise.assembly.settling.belief import POINTS, SeenBodies
+from poise.assembly.settling.facets import Facets, Opposite, facets_of, opposite_faces
+from poise.assembly.settling.rows import DistanceRows
+from poise.types import Array, Indices, Mask
+
+_SLACK = 5e-4
+"""m by which a distance may miss what the poses' uncertainty explains."""
+_EDGE_REACH = 0.02
+"""m up to which edges and corners are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """C places where two bodies may touch, `POINTS` rows each, in order.
+
+    Args:
+        rows: (3 C,) distances, 0 where they touch.
+        normal: (C, 3) from the first body into the second, as they were seen.
+        narrow: (C,) whether the bodies may in truth be beside each other.
+    """
+
+    rows: DistanceRows
+    normal: Array
+    narrow: Mask
+
+    def of(self, number: int) -> DistanceRows:
+        """The rows of one candidate."""
+        return self.rows[np.arange(POINTS * number, POINTS * (number + 1))]
+
+    def and_also(self, others: "Candidates") -> "Candidates":
+        """These and others."""
+        normal, narrow = np.concatenate([self.normal, others.normal]), np.concatenate([self.narrow, others.narrow])
+        return Candidates(DistanceRows.joined([self.rows, others.rows]), normal, narrow)
+
+    @property
+    def first(self) -> Indices:
+        """(C,) places."""
+        return self.rows.first[::POINTS]
+
+    @property
+    def second(self) -> Indices:
+        """(C,) places."""
+        return self.rows.second[::POINTS]
+
+
+def find_candidates(items: tuple[RigidObject, ...], bodies: SeenBodies, sigmas: float) -> Candidates:
+    """All places where bodies may touch, when each may be off by some sigmas."""
+    position, rotation = (np.zeros(len(items)) for _ in range(2))
+    seen = bodies.slot >= 0
+    variances = np.diagonal(bodies.covariance, axis1=1, axis2=2)[bodies.slot[seen]]
+    position[seen], rotation[seen] = np.sqrt(variances[:, :3].max(axis=1)), np.sqrt(variances[:, 3:].max(axis=1))
+    radius = np.array([np.linalg.norm(item.shape.polyhedron.vertices, axis=1).max() for item in items])
+    reach, angle = sigmas * (2 * position + rotation * radius), 2 * sigmas * rotation + 0.01
+    flat = opposite_faces([item.shape for item in items], bodies.poses, reach, angle, seen)
+    found = _of_faces(items, bodies, flat, position)
+    lines = _of_round_sides(items, bodies, reach, angle)
+    if lines is not None:
+        found = found.and_also(lines)
+    return _explained(found, bodies, sigmas)
+
+
+def edges_and_points(
+    items: tuple[RigidObject, ...], bodies: SeenBodies, place: int, sigmas: float
+) -> Candidates | None:
+    """Edges, corners and round sides of one body on others, and of others on it, as they were seen."""
+    parts, normals = [], []
+    for other in range(len(items)):
+        if other == place:
+            continue
+        first, second = min(place, other), max(place, other)
+        for patch in patches_between(items[first], items[second], _EDGE_REACH):
+            points = np.stack([patch.points[0], patch.points[-1], patch.points.mean(axis=0)])
+            ends = [
+                items[one].pose.undo(points + side * patch.gap / 2 * patch.normal)
+                for one, side in ((first, -1), (second, 1))
+            ]
+            normal = np.repeat((patch.normal @ items[first].pose.rotation)[None], POINTS, axis=0)
+            whole = [np.full(POINTS, one, dtype=np.int64) for one in (first, second)]
+            parts.append(DistanceRows(whole[0], whole[1], normal, ends[0], ends[1], np.zeros(POINTS)))
+            normals.append(patch.normal)
+    if not parts:
+        return None
+    found = Candidates(DistanceRows.joined(parts), np.array(normals), np.zeros(len(parts), dtype=bool))
+    return _explained(found, bodies, sigmas)
+
+
+def _explained(found: Candidates, bodies: SeenBodies, sigmas: float) -> Candidates:
+    """Those whose distances the uncertainty of the poses explains."""
+    distance, *_ = found.rows.linearised(bodies.poses)
+    spread = sum(bodies.spread(found.rows, bodies.poses))
+    near = np.all((np.abs(distance) <= sigmas * spread + _SLACK).reshape(-1, POINTS), axis=1)
+    return Candidates(found.rows[np.repeat(near, POINTS)], found.normal[near], found.narrow[near])
+
+
+def _of_faces(items: tuple[RigidObject, ...], bodies: SeenBodies, flat: Opposite, position: Array) -> Candidates:
+    facets = [facets_of(cast(Hashable, item.shape)) for item in items]
+    normal, origin = np.empty((2, len(flat.first), 3))
+    for number, (place, facet) in enumerate(zip(flat.first.tolist(), flat.facets[:, 0].tolist(), strict=True)):
+        normal[number], origin[number] = facets[place].normals[facet], facets[place].origins[facet]
+    rotation, translation = bodies.poses.rotation[flat.second], bodies.poses.translation[flat.second]
+    points = np.einsum("cpi,cij->cpj", flat.points - translation[:, None], rotation)
+    first, second = np.repeat(flat.first, POINTS), np.repeat(flat.second, POINTS)
+    normals, origins = np.repeat(normal, POINTS, axis=0), np.repeat(origin, POINTS, axis=0)
+    rows = DistanceRows(first, second, normals, origins, points.reshape(-1, 3), np.zeros(len(first)))
+    aside = np.hypot(position[flat.first], position[flat.second])
+    outward = np.einsum("cij,cj->ci", bodies.poses.rotation[flat.first], normal)
+    return Candidates(rows, outward, flat.width < 3 * aside)
+
+
+def _of_round_sides(
+    items: tuple[RigidObject, ...], bodies: SeenBodies, reach: Array, angle: Array
+) -> Candidates | None:
+    """Sides of cylinders along lines of flat faces."""
+    parts, normals = [], []
+    for second, item in enumerate(items):
+        if not isinstance(item.shape, Cylinder):
+            continue
+        size = float(np.hypot(item.shape.radius, item.shape.length / 2))
+        for first, other in enumerate(items):
+            if first == second or (bodies.slot[first] < 0 and bodies.slot[second] < 0):
+                continue
+            facets = facets_of(cast(Hashable, other.shape))
+            near = other.pose.rotation.T @ (item.pose.translation - other.pose.translation)
+            axis = other.pose.rotation.T @ item.pose.rotation[:, 2]
+            lean = np.abs(facets.normals @ axis) <= np.sin(min(angle[first] + angle[second], 0.5))
+            height = np.einsum("fi,fi->f", facets.normals, near - facets.origins) - item.shape.radius
+            for facet in np.flatnonzero(lean & (np.abs(height) <= reach[first] + reach[second] + size)):
+                found = _line(item.shape, near, axis, facets, int(facet), first, second)
+                if found is not None:
+                    parts.append(found)
+                    normals.append(other.pose.rotation @ facets.normals[facet])
+    if not parts:
+        return None
+    return Candidates(DistanceRows.joined(parts), np.array(normals), np.zeros(len(parts), dtype=bool))
+
+
+def _line(
+    shape: Cylinder, centre: Array, axis: Array, facets: Facets, facet: int, first: int, second: int
+) -> DistanceRows | None:
+    """DistanceRows of a round side over a face: at both ends and in the middle of what the face covers of it."""
+    along = np.array([-0.5, 0.5]) * shape.length
+    plane = (centre + np.outer(along, axis) - facets.origins[facet]) @ facets.axes[facet].T
+    covered = shapely.intersection(shapely.LineString(plane), facets.outlines[facet])
+    if covered.length < 0.02 * shape.length:
+        return None
+    ends = shapely.get_coordinates(covered)[[0, -1]]
+    run = plane[1] - plane[0]
+    share = (ends - plane[0]) @ run / (run @ run)
+    places = along[0] + shape.length * np.array([share[0], share[1], share.mean()])
+    points = np.outer(places, [0.0, 0.0, 1.0])
+    same = [np.repeat(value[None], POINTS, axis=0) for value in (facets.normals[facet], facets.origins[facet])]
+    whole = [np.full(POINTS, place, dtype=np.int64) for place in (first, second)]
+    return DistanceRows(whole[0], whole[1], same[0], same[1], points, np.full(POINTS, shape.radius))

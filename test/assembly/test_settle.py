@@ -1,0 +1,189 @@
+"""Poses as a camera sees them become poses that touch: what rests on what, by how much, and what is refused."""
+
+from dataclasses import replace
+
+import assembly_scenes as scenes
+import numpy as np
+import pytest
+
+from poise.assembly import Assembly, Box, Mesh, settle
+from poise.assembly.contact import Structure
+from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose, rotation_of_vector
+
+STD = 0.002, np.radians(0.5)
+
+
+def uncertain(assembly, position=STD[0], rotation=STD[1]):
+    return replace(assembly, objects=with_pose_covariance(assembly.objects, pose_covariance_of(position, rotation)))
+
+
+def off(item, translation=(0, 0, 0), turn=(0, 0, 0)):
+    """An object seen with an error: m, and degrees about its origin."""
+    pose = item.pose
+    rotation = rotation_of_vector(np.radians(np.asarray(turn, dtype=float))) @ pose.rotation
+    return replace(item, pose=Pose(rotation, pose.translation + np.asarray(translation, dtype=float)))
+
+
+def seen(assembly, rng, position=STD[0], rotation=STD[1]):
+    """The assembly with noise on the poses of all that is not fixed."""
+    objects = tuple(
+        item if item.fixed else off(item, position * rng.normal(size=3), np.degrees(rotation) * rng.normal(size=3))
+        for item in assembly.objects
+    )
+    return uncertain(replace(assembly, objects=objects), position, rotation)
+
+
+def small_stack(count=3, size=(0.2, 0.15, 0.1)):
+    boxes = [scenes.box(f"b{k}", size, (0, 0, (k + 0.5) * size[2])) for k in range(count)]
+    return scenes.on_floor(*boxes)
+
+
+def pallet(layers=2, along=3, across=2, size=(0.2, 0.15, 0.1)):
+    x, y, z = size
+    return scenes.on_floor(
+        *(
+            scenes.box(f"b{k}{i}{j}", size, (i * x, j * y, (k + 0.5) * z))
+            for k in range(layers)
+            for i in range(along)
+            for j in range(across)
+        )
+    )
+
+
+def test_one_box_is_put_flat_on_the_floor_and_stays_where_it_was_seen_in_the_plane():
+    box = off(scenes.box("b", (0.2, 0.15, 0.1), (1, 2, 0.05)), (0.001, 0.002, 0.003), (0.3, -0.6, 0.9))
+    found = settle(uncertain(scenes.on_floor(box)))
+    (move,) = found.moves
+    item = found.assembly.objects[1]
+    # Closed form: the errors of all coordinates are independent, so that height and tilt alone change.
+    np.testing.assert_allclose(item.pose.translation, [1.001, 2.002, 0.05], atol=2e-5)
+    np.testing.assert_allclose(item.pose.rotation[:, 2], [0, 0, 1], atol=1e-5)
+    np.testing.assert_allclose(np.degrees(move.rotation[:2]), [-0.3, 0.6], atol=0.01)
+    assert move.sigmas == pytest.approx(1.5, abs=0.02)  # 3 mm of 2 mm
+
+
+def test_the_error_between_two_boxes_is_shared_by_their_covariances():
+    left, right = (scenes.box(name, (0.2, 0.2, 0.2), (x, 0, 0.1)) for name, x in (("l", -0.1), ("r", 0.1)))
+    left = replace(left, pose_covariance=pose_covariance_of(0.001, 1e-4))
+    right = replace(off(right, (0.003, 0, 0)), pose_covariance=pose_covariance_of(0.002, 1e-4))
+    found = settle(scenes.on_floor(left, right))
+    # The most likely common face parts 5 mm as the variances, 1 to 4.
+    assert [move.translation[0] for move in found.moves] == pytest.approx([0.0006, -0.0024], abs=2e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("make", [small_stack, pallet])
+def test_settled_scenes_touch_as_the_clean_ones_do(make, seed):
+    clean = make()
+    found = settle(seen(clean, np.random.default_rng(seed)))
+    assert _pairs_on_top(found.assembly) >= _pairs_on_top(clean)
+    for item in found.assembly.objects[1:]:
+        np.testing.assert_allclose(item.pose.rotation[:, 2], [0, 0, 1], atol=2e-4)
+    assert all(abs(interface.gap) < 1e-3 for interface in Structure.of(found.assembly).interfaces)
+
+
+def _pairs_on_top(assembly):
+    ids = [item.id for item in assembly.objects]
+    return {
+        (ids[i.first], ids[i.second]) for i in Structure.of(assembly).interfaces if i.normal[2] > 0.9 and i.area > 1e-3
+    }
+
+
+def test_a_plank_rests_on_the_higher_support_and_stays_off_the_lower_one():
+    posts = [
+        scenes.fixed_box(f"p{k}", (0.1, 0.1, h), (x, 0, h / 2)) for k, (x, h) in enumerate([(-0.02, 0.1), (0.2, 0.097)])
+    ]
+    plank = off(scenes.box("plank", (0.6, 0.1, 0.02), (0, 0, 0.11)), (0, 0, -0.0015), (0, 0.4, 0))
+    found = settle(uncertain(scenes.on_floor(*posts, plank)))
+    assert _pairs_on_top(found.assembly) == {("p0", "plank")}
+
+
+def test_a_lying_cylinder_is_put_on_the_floor():
+    can = scenes.cylinder("can", 0.04, 0.2, (0, 0, 0.04), quaternion=scenes.turned((0, 1, 0), 90))
+    found = settle(uncertain(scenes.on_floor(off(can, (0, 0, 0.003), (0.2, 0.7, -0.4)))))
+    item = found.assembly.objects[1]
+    assert item.pose.translation[2] == pytest.approx(0.04, abs=2e-5)
+    assert abs(item.pose.rotation[2, 2]) < 1e-4
+
+
+def test_a_board_that_leans_stands_on_its_edges():
+    wall = scenes.fixed_box("wall", (0.1, 2, 2), (-0.05, 0, 1))
+    tilt = np.radians(60)
+    board = scenes.box("board", (1.0, 0.4, 0.02), (0, 0, 0), quaternion=scenes.turned((0, 1, 0), np.degrees(tilt)))
+    low = np.min(board.vertices, axis=0)
+    board = off(board, (-low[0], 0, -low[2]))
+    found = settle(uncertain(scenes.on_floor(wall, off(board, (0.002, 0, 0.003), (0, 0.2, 0)))))
+    corners = found.assembly.objects[2].vertices
+    np.testing.assert_allclose(corners.min(axis=0)[[0, 2]], 0, atol=3e-4)
+
+
+def test_what_no_pose_within_three_sigma_explains_is_refused_with_the_pair_and_the_distance():
+    high = scenes.box("b", (0.2, 0.2, 0.2), (0, 0, 0.13))
+    with pytest.raises(InputError, match=r"nothing holds b: the nearest object, floor, is 30\.0 mm away") as caught:
+        settle(uncertain(scenes.on_floor(high)))
+    assert caught.value.code == ErrorCode.FLOATING
+    pair = [scenes.box(name, (0.2, 0.2, 0.2), (x, 0, 0.1)) for name, x in (("a", 0), ("c", 0.15))]
+    with pytest.raises(InputError, match=r"objects a and c overlap by 50\.0 mm") as caught:
+        settle(uncertain(scenes.on_floor(*pair)))
+    assert caught.value.code == ErrorCode.INTERPENETRATION
+    assert set(caught.value.data["objects"]) == {"a", "c"}
+
+
+def test_a_mesh_with_flat_faces_settles_like_its_box():
+    polyhedron = Box((0.2, 0.15, 0.1)).polyhedron
+    mesh = Mesh(polyhedron.vertices, polyhedron.triangles)
+    clean = small_stack(3)
+    noisy = seen(clean, np.random.default_rng(4))
+    as_mesh = replace(noisy, objects=tuple(i if i.fixed else replace(i, shape=mesh) for i in noisy.objects))
+    for one, other in zip(settle(noisy).assembly.objects, settle(as_mesh).assembly.objects, strict=True):
+        np.testing.assert_allclose(one.pose.vector, other.pose.vector, atol=1e-9)
+
+
+def test_what_is_known_exactly_stays_where_it_is():
+    exact = small_stack(2)
+    assert settle(exact).assembly is exact
+    top = replace(off(exact.objects[2], (0, 0, 0.002)), pose_covariance=pose_covariance_of(*STD))
+    found = settle(Assembly((*exact.objects[:2], top), exact.gravity))
+    assert found.assembly.objects[1].pose is exact.objects[1].pose
+    assert [move.id for move in found.moves] == ["b1"]
+
+
+def test_samples_touch_like_the_scene_and_spread_as_the_covariance_says():
+    found = settle(seen(small_stack(2), np.random.default_rng(1)))
+    draws = found.samples(np.random.default_rng(2))
+    centres = []
+    for _ in range(200):
+        item = next(draws).objects[2]
+        assert item.pose.translation[2] == pytest.approx(0.15, abs=1e-4)
+        centres.append(item.pose.translation[:2])
+    assert np.std(centres, axis=0) == pytest.approx([STD[0]] * 2, rel=0.15)
+
+
+def test_a_scene_file_states_the_uncertainty_once_or_for_each_object():
+    content = scene_content(small_stack(2)) | {"pose_std": {"position": 0.002, "rotation_deg": 0.5}}
+    content["objects"][2]["pose_std"] = {"position": 0.01}
+    floor, first, second = read_scene(content).objects
+    assert floor.pose_covariance is None
+    np.testing.assert_allclose(np.diag(first.pose_covariance), [4e-6] * 3 + [np.radians(0.5) ** 2] * 3)
+    np.testing.assert_allclose(np.diag(second.pose_covariance), [1e-4] * 3 + [0] * 3)
+    again = read_scene(scene_content(read_scene(content))).objects
+    np.testing.assert_allclose(again[2].pose_covariance, second.pose_covariance)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"pose_std": {"position": -1}}, "position of pose_std is -1"),
+        ({"pose_std": {"degrees": 1}}, "unknown entry degrees"),
+        ({"pose_covariance": [1.0] * 35}, "expected 36 numbers"),
+        ({"pose_covariance": [-1.0] + [0.0] * 35}, "not symmetric and positive"),
+        ({"pose_covariance": [0.0] * 36, "pose_std": {}}, "not both"),
+    ],
+)
+def test_an_uncertainty_that_is_none_is_refused(entry, words):
+    content = scene_content(small_stack(1))
+    content["objects"][1] |= entry
+    with pytest.raises(InputError, match=words):
+        read_scene(content)
