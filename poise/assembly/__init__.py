@@ -1,7 +1,7 @@
 """How hard objects in frictional contact can be pushed, how fast they can be carried, and how to take them apart.
 
 - `load_scene`, `Assembly`, `RigidObject`: the objects. `Analysis`: an assembly prepared for many queries.
-- `settle`: the most likely poses that touch, of poses that a camera sees.
+- `settle`: the most likely poses that touch, of poses that a camera sees; `assess_settled`: answers with intervals.
 - `assess`: robustness to pushes. `robustness_map`: robustness at points all over the surface.
 - `sensitivity`, `motion_probability`: derivatives of robustness, and the probability that something moves.
 - `acceleration_limits`: how fast a base that carries the objects may accelerate. `plan_disassembly`: order of removal.
@@ -12,6 +12,7 @@ Rooms, from the ground up: `scene`, `contact`, `settling`, `statics`, `robustnes
 from poise.assembly.robustness import (
     acceleration_limits,
     assess,
+    assess_settled,
     motion_probability,
     plan_disassembly,
     robustness_map,
@@ -33,6 +34,7 @@ __all__ = [
     "Settled",
     "acceleration_limits",
     "assess",
+    "assess_settled",
     "load_scene",
     "motion_probability",
     "plan_disassembly",

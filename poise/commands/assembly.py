@@ -9,8 +9,15 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from poise.assembly import Analysis, acceleration_limits, assess, plan_disassembly, robustness_map
-from poise.assembly.robustness import ROBUSTNESS_MODELS, AccelerationLimits, Assessment, RobustnessMap
+from poise.assembly import Analysis, acceleration_limits, assess_settled, plan_disassembly, robustness_map
+from poise.assembly.robustness import (
+    ROBUSTNESS_MODELS,
+    SAMPLES,
+    AccelerationLimits,
+    RobustnessMap,
+    UncertainAssessment,
+    carried,
+)
 from poise.assembly.statics import unstable
 from poise.commands.assembly_pictures import (
     RerunOption,
@@ -23,7 +30,15 @@ from poise.commands.assembly_pictures import (
 from poise.commands.loads import LoadModelOption, LoadOption, LoadPoseOption, least_limits, loaded
 from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, warn, write_json
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import SceneArgument, open_scene
+from poise.commands.scenes import SceneArgument, open_scene, open_settled
+from poise.commands.settling import (
+    PoseStdOption,
+    SamplesOption,
+    interval_json,
+    print_moves,
+    print_samples,
+    settled_json,
+)
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.types import Array, Mask
 
@@ -37,20 +52,21 @@ DeadlineOption = Annotated[
         "--deadline", help="Time limit, s; the bounds certified by then are returned.", show_default=False, min=0.0
     ),
 ]
+_QueriesOption = Annotated[
+    Path | None, typer.Option("--queries", metavar="FILE", help=_QUERIES_HELP, show_default=False)
+]
+_MapOption = Annotated[
+    bool,
+    typer.Option(
+        "--map", help="Map inward pushes all over the surface instead (in 60 s, unless --deadline says otherwise)."
+    ),
+]
 
 
 def robustness(
     scene: SceneArgument,
-    queries: Annotated[
-        Path | None,
-        typer.Option("--queries", metavar="FILE", help=_QUERIES_HELP, show_default=False),
-    ] = None,
-    surface: Annotated[
-        bool,
-        typer.Option(
-            "--map", help="Map inward pushes all over the surface instead (in 60 s, unless --deadline says otherwise)."
-        ),
-    ] = False,
+    queries: _QueriesOption = None,
+    surface: _MapOption = False,
     points: Annotated[int, typer.Option("--points", help="Points of the map.", min=1, max=1_000_000)] = 10_000,
     tolerance: Annotated[
         float, typer.Option("--tolerance", help="Relative tolerance of the map.", min=1e-4, max=1.0)
@@ -59,6 +75,8 @@ def robustness(
         str | None, typer.Option("--model", help=f"Contact model: {', '.join(ROBUSTNESS_MODELS.names())}.")
     ] = None,
     deadline: DeadlineOption = None,
+    pose_std: PoseStdOption = None,
+    samples: SamplesOption = SAMPLES,
     json_target: JsonOption = None,
     picture: ScenePictureOption = None,
     rerun: RerunOption = None,
@@ -67,13 +85,15 @@ def robustness(
 
     Without queries: whether the scene stands by itself, and by what margin. `--map` writes SCENE_map.json unless
     `--json` names another file. The picture shows the map, how the weakest push moves things, or what touches what.
+    Uncertain poses (`pose_std` in the scene, or --pose-std) are settled until things touch; answers have intervals.
 
     Example:  poise robustness scene.yaml --queries pushes.json --json answer.json --picture weakest.png
     """
     refuse_folders(json_target, picture, rerun)
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
-    analysis = open_scene(scene)
+    settled = open_settled(scene, pose_std)
+    analysis = Analysis.of(settled.assembly)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
         _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
@@ -81,14 +101,15 @@ def robustness(
         return
     pushes = [] if queries is None else read_pushes(queries)
     start = time.perf_counter()
-    found = assess(analysis, pushes, model, deadline)
-    write_json(json_target, _assessment_json(analysis, found, model, time.perf_counter() - start))
+    found = assess_settled(settled, pushes, model, deadline, samples if pushes else 0, analysis=analysis)
+    content = _assessment_json(analysis, found, model, time.perf_counter() - start)
+    write_json(json_target, content | settled_json(settled, found))
+    print_moves(settled, json_target)
     _print_assessment(found, pushes, json_target)
-    if not found.complete:
-        warn(_LATE)
-    draw_pushes(analysis, [first_of(question) for question in pushes], found, picture, rerun, json_target)
-    if not (found.stable or found.doubtful):
-        raise unstable(found.falling, found.margin)
+    moved = [first_of(question) for question in carried(settled, pushes, settled.assembly)]
+    draw_pushes(analysis, moved, found.settled, picture, rerun, json_target)
+    if not (found.settled.stable or found.settled.doubtful):
+        raise unstable(found.settled.falling, found.settled.margin)
 
 
 def msa(
@@ -101,6 +122,7 @@ def msa(
     model: LoadModelOption = None,
     load_pose: LoadPoseOption = None,
     deadline: DeadlineOption = None,
+    pose_std: PoseStdOption = None,
     json_target: JsonOption = None,
     picture: ScenePictureOption = None,
     rerun: RerunOption = None,
@@ -114,7 +136,7 @@ def msa(
     """
     refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
-    analysis, others = loaded(open_scene(scene), load, model, load_pose)
+    analysis, others = loaded(open_scene(scene, pose_std), load, model, load_pose)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline)
     cautious, cautious_doubtful = least_limits(found, others, deadline)
@@ -165,6 +187,7 @@ def disassemble(
         typer.Option("--target", help="Remove this object, and those that must go first.", show_default=False),
     ] = None,
     deadline: DeadlineOption = None,
+    pose_std: PoseStdOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Find an order in which a scene can be taken apart without moving other objects.
@@ -172,7 +195,7 @@ def disassemble(
     Example:  poise disassemble scene.yaml
     """
     refuse_folder(json_target, "--json")
-    analysis = open_scene(scene)
+    analysis = open_scene(scene, pose_std)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
     content = {"order": found.order, "safe": found.safe, "margins": margins, "complete": found.complete}
@@ -183,8 +206,10 @@ def disassemble(
     console(json_target).print(table)
 
 
-def _assessment_json(analysis: Analysis, found: Assessment, model: str | None, seconds: float) -> dict[str, Any]:
-    objects = analysis.assembly.objects
+def _assessment_json(
+    analysis: Analysis, uncertain: UncertainAssessment, model: str | None, seconds: float
+) -> dict[str, Any]:
+    objects, found = analysis.assembly.objects, uncertain.settled
     return {
         "stable": found.stable,
         "doubtful": found.doubtful,
@@ -202,7 +227,8 @@ def _assessment_json(analysis: Analysis, found: Assessment, model: str | None, s
                 "checked": result.checked,
                 "doubtful": result.doubtful,
             }
-            for result in found.results
+            | ({"interval": interval_json(uncertain, number)} if uncertain.samples else {})
+            for number, result in enumerate(found.results)
         ],
         "seconds": seconds,
         "complete": found.complete,
@@ -232,18 +258,23 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
     }
 
 
-def _print_assessment(found: Assessment, pushes: list[Question], json_target: str | None) -> None:
-    people = console(json_target)
+def _print_assessment(uncertain: UncertainAssessment, pushes: list[Question], json_target: str | None) -> None:
+    people, found = console(json_target), uncertain.settled
     stable = "not checked in time (doubtful)" if found.doubtful else "yes" if found.stable else "no"
     people.print(f"stable: {stable}, margin {found.margin:.4g} N")
+    if not found.complete:
+        warn(_LATE)
     if not (found.stable or found.doubtful) or not pushes:
         return
-    table = Table("object", "robustness N", "bounds N", "mode", "moves")
-    for push, result in zip(pushes, found.results, strict=True):
+    table = Table("object", "robustness N", "bounds N", *(["interval N"] if uncertain.samples else []), "mode", "moves")
+    for push, result, *ends in zip(pushes, found.results, uncertain.lower, uncertain.upper, strict=True):
         bounds = f"{result.lower:.4g} to {result.upper:.4g}{_mark(result.doubtful)}"
+        interval = [f"{ends[0]:.4g} to {ends[1]:.4g}"] if uncertain.samples else []
         moves = escape(", ".join(result.moves))
-        table.add_row(escape(first_of(push).object), f"{result.robustness:.4g}", bounds, result.mode, moves)
+        name = escape(first_of(push).object)
+        table.add_row(name, f"{result.robustness:.4g}", bounds, *interval, result.mode, moves)
     people.print(table)
+    print_samples(uncertain, json_target)
 
 
 def _print_map(found: RobustnessMap, target: str, json_target: str | None) -> None:

@@ -202,3 +202,31 @@ def test_a_sensitivity_that_another_collapse_decides_is_doubtful_in_text_and_jso
     assert "doubtful" in run("sensitivity", scenes.cube(), "--queries", turning).stdout
     plain = strictly(run("sensitivity", scenes.cube(), "--queries", low_push(tmp_path, LOW), "--json", "-").stdout)
     assert not plain["queries"][0]["doubtful"]
+
+
+def test_uncertain_poses_are_settled_and_answers_have_intervals(run, tmp_path):
+    seen = scenes.on_floor(scenes.box("b", (0.2, 0.2, 0.1), (0, 0, 0.053)))
+    queries = write_queries(tmp_path, [{"object": "b", "point": [-0.1, 0, 0.06], "direction": [1, 0, 0]}])
+    with pytest.raises(InputError, match="nothing holds b"):
+        run("robustness", seen, "--queries", queries)
+    found = run(
+        "robustness", seen, "--queries", queries, "--pose-std", "2mm,0.5deg", "--samples", "9", "--json", "a.json"
+    )
+    answer = strictly((tmp_path / "a.json").read_text())
+    (move,) = answer["settled"]["moves"]
+    assert move["translation"][2] == pytest.approx(-0.003, abs=1e-6)
+    assert move["sigmas"] == pytest.approx(1.5, abs=1e-3)
+    assert answer["settled"]["samples"] == 9
+    low, high = answer["queries"][0]["interval"]
+    assert low <= answer["queries"][0]["robustness"] <= high
+    assert "moved mm" in found.stdout
+    assert "interval N" in found.stdout
+    assert "1 poses settled" in found.stderr
+    limits = run("msa", seen, "--directions", "4", "--pose-std", "0.2cm,0.01rad")
+    assert limits.exit_code == 0
+
+
+@pytest.mark.parametrize("words", ["2mm", "2,0.5", "2mm,0.5", "x mm,1deg", "-1mm,0deg", "2mm,90deg"])
+def test_a_pose_std_that_is_none_is_refused(run, words):
+    with pytest.raises(InputError, match=r"pose.std"):
+        run("robustness", scenes.cube(), "--pose-std", words)

@@ -6,7 +6,7 @@ import assembly_scenes as scenes
 import numpy as np
 import pytest
 
-from poise.assembly import Assembly, Box, Mesh, settle
+from poise.assembly import Analysis, Assembly, Box, FrictionPair, Mesh, Push, assess, assess_settled, settle
 from poise.assembly.contact import Structure
 from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
 from poise.errors import ErrorCode, InputError
@@ -187,3 +187,43 @@ def test_an_uncertainty_that_is_none_is_refused(entry, words):
     content["objects"][1] |= entry
     with pytest.raises(InputError, match=words):
         read_scene(content)
+
+
+def _push(assembly, number=-1):
+    item = assembly.objects[number]
+    return Push(item.id, item.pose.apply(np.array([-item.shape.size[0] / 2, 0, 0.01])), (1, 0, 0))
+
+
+def test_intervals_hold_the_robustness_of_the_clean_scene_and_repeat_with_their_seed():
+    clean = small_stack(2)
+    truth = assess(clean, [_push(clean)]).results[0].robustness
+    scene = settle(seen(clean, np.random.default_rng(3)))
+    found = assess_settled(scene, [_push(scene.seen)], samples=12, seed=5)
+    assert found.lower[0] <= truth <= found.upper[0]
+    assert (found.samples, found.fallen, found.refused, found.complete) == (12, 0, 0, True)
+    assert found.coverage == pytest.approx(11 / 13)
+    again = assess_settled(scene, [_push(scene.seen)], samples=12, seed=5, analysis=Analysis.of(scene.assembly))
+    np.testing.assert_array_equal([found.lower, found.upper], [again.lower, again.upper])
+
+
+def test_intervals_widen_with_masses_and_friction():
+    clean = small_stack(1)
+    exact = assess_settled(settle(clean), [_push(clean)])
+    assert exact.samples == 0  # nothing is uncertain
+    covariance = np.zeros((10, 10))
+    covariance[0, 0] = 0.1**2
+    heavy = replace(clean, objects=(clean.objects[0], replace(clean.objects[1], covariance=covariance)))
+    slippery = replace(clean, friction_pairs=(FrictionPair(("floor", "b0"), 0.5, 0.05),))
+    for assembly in (heavy, slippery):
+        found = assess_settled(settle(assembly), [_push(assembly)], samples=20)
+        # Sliding takes mu m g: both vary by a tenth, and 20 draws reach to about 1.9 sigma.
+        width = (found.upper[0] - found.lower[0]) / exact.settled.results[0].robustness
+        assert 0.2 < width < 0.6
+
+
+def test_without_time_for_samples_the_answer_says_so():
+    scene = settle(seen(small_stack(2), np.random.default_rng(0)))
+    found = assess_settled(scene, [_push(scene.seen)], deadline=0.0)
+    assert not found.complete
+    assert found.samples == 0
+    assert found.coverage == 0

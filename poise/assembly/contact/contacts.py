@@ -97,7 +97,7 @@ def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None
         raise InputError(
             ErrorCode.INTERPENETRATION,
             f"objects {names[0]} and {names[1]} overlap by {depth * 1e3:.2f} mm (up to {margin * 1e3:g} mm is taken "
-            "as touching); move one of them",
+            "as touching); move one of them, or state how uncertain the poses are (pose_std)",
             objects=names,
             depth=depth,
         )

@@ -2,6 +2,7 @@
 
 - `registry`, `limit_loads`, `block_answers`: models by name, their results, and what they share.
 - `assess`, `maps`, `elastic_maps`: single pushes, and maps of the surface.
+- `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
 """
@@ -21,6 +22,7 @@ from poise.assembly.robustness.block_answers import (
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
+from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
 from poise.assembly.robustness.sensitivity import Sensitivity, sensitivity
 from poise.assembly.robustness.turning_base import TurningBase
@@ -31,6 +33,7 @@ __all__ = [
     "DEFAULT_MODEL",
     "MAX_MAP_POINTS",
     "ROBUSTNESS_MODELS",
+    "SAMPLES",
     "AccelerationLimits",
     "Assessment",
     "Disassembly",
@@ -42,11 +45,14 @@ __all__ = [
     "RobustnessModel",
     "Sensitivity",
     "TurningBase",
+    "UncertainAssessment",
     "acceleration_limits",
     "ask_block",
     "ask_single_patch",
     "assess",
+    "assess_settled",
     "both_factors",
+    "carried",
     "check_elastic",
     "coupled_questions",
     "limit_factors",

@@ -29,5 +29,10 @@ class Deadline:
     def passed(self) -> bool:
         return self.at is not None and time.monotonic() >= self.at
 
+    @property
+    def remaining(self) -> float | None:
+        """s until then, not negative; None: no deadline."""
+        return None if self.at is None else max(0.0, self.at - time.monotonic())
+
 
 NO_DEADLINE = Deadline()

@@ -1,0 +1,149 @@
+"""Robustness when poses, masses and friction are uncertain: the answer at the most likely poses, and its interval."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.assembly.robustness.assess import Assessment, assess
+from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly.settling import Settled
+from poise.assembly.statics import Analysis, Deadline, Push
+from poise.errors import InputError
+from poise.types import Array
+
+SAMPLES = 59
+"""Drawn if nothing else is asked: the least and the greatest of them hold the truth in 58 of 60 cases."""
+_LEAST_MASS = 1e-6
+_ACCURACY = 1e-3
+"""By which share intervals are widened: equal scenes at other poses differ by the tolerance of the solvers."""
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainAssessment:
+    """Answers about an assembly whose poses are uncertain.
+
+    Args:
+        settled: at the most likely poses.
+        lower, upper: (Q,) N, the interval of each robustness: bounds at the settled poses and over all samples.
+        samples: how many were drawn, stood, and could be assessed.
+        fallen: how many others did not stand. They are left out: the scene was seen at rest.
+        refused: how many others could not be assessed.
+        complete: all samples were drawn before the deadline.
+    """
+
+    settled: Assessment
+    lower: Array
+    upper: Array
+    samples: int
+    fallen: int
+    refused: int
+    complete: bool
+
+    @property
+    def coverage(self) -> float:
+        """How probably the interval holds the robustness of one more such sample: (n - 1) / (n + 1) for n samples."""
+        return max(0.0, (self.samples - 1) / (self.samples + 1))
+
+
+def assess_settled(
+    scene: Settled,
+    pushes: Sequence[Push | Sequence[Push]],
+    model: str | None = None,
+    deadline: float | None = None,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    analysis: Analysis | None = None,
+) -> UncertainAssessment:
+    """Robustness at the settled poses, and at other poses, masses and friction that agree with what is known.
+
+    The samples are drawn from the poses' uncertainty given the contacts (`Settled.samples`), the covariances of masses
+    and centres of mass, and the deviations of friction pairs. The same seed gives the same answer, unless the deadline
+    ends it. Points of pushes move with their objects.
+
+    Args:
+        scene: as `settle` returns it.
+        pushes: with points on the objects as they were seen.
+        model: a name in `ROBUSTNESS_MODELS`; None: default.
+        deadline: s for all of it.
+        samples: how many to draw.
+        seed: of the samples.
+        analysis: of the settled assembly, if it is prepared already.
+
+    Raises:
+        InputError, NoAnswerError: as `assess`.
+    """
+    clock = Deadline.after(deadline)
+    analysis = analysis or Analysis.of(scene.assembly)
+    at_settled = assess(analysis, carried(scene, pushes, scene.assembly), model, deadline)
+    ends = [(result.lower, result.upper) for result in at_settled.results]
+    if not (scene.moves or _varies(scene.assembly)) or not at_settled.stable:
+        samples = 0
+    rng = np.random.default_rng(seed)
+    draws = scene.samples(rng)
+    drawn = fallen = refused = 0
+    while drawn + fallen + refused < samples and not clock.passed:
+        found = _assessed(scene, _varied(next(draws), rng), pushes, model, clock)
+        if found is None:
+            refused += 1
+        elif not found.stable:
+            fallen += 1
+        else:
+            drawn += 1
+            pairs = zip(ends, found.results, strict=True)
+            ends = [(min(low, result.lower), max(high, result.upper)) for (low, high), result in pairs]
+    complete = at_settled.complete and drawn + fallen + refused == samples
+    lower, upper = np.array(ends).reshape(-1, 2).T * ([[1 - _ACCURACY], [1 + _ACCURACY]] if samples else 1)
+    return UncertainAssessment(at_settled, lower, upper, drawn, fallen, refused, complete)
+
+
+def _assessed(
+    scene: Settled, sample: Assembly, pushes: Sequence[Push | Sequence[Push]], model: str | None, clock: Deadline
+) -> Assessment | None:
+    """Answers about a sample; None where its objects overlap too much, or whether it stands was not known in time."""
+    try:
+        found = assess(Analysis.of(sample), carried(scene, pushes, sample), model, clock.remaining)
+    except InputError:
+        return None
+    return None if found.doubtful else found
+
+
+def carried(scene: Settled, pushes: Sequence[Push | Sequence[Push]], assembly: Assembly) -> list[Push | list[Push]]:
+    """Pushes whose points have moved with the objects, from where these were seen to where they are in an assembly."""
+
+    def one(push: Push) -> Push:
+        place = scene.seen.index.get(push.object)
+        if place is None:
+            return push
+        before, now = scene.seen.objects[place].pose, assembly.objects[place].pose
+        return replace(push, point=now.apply(before.undo(np.asarray(push.point, dtype=np.float64))))
+
+    return [one(entry) if isinstance(entry, Push) else [one(push) for push in entry] for entry in pushes]
+
+
+def _varies(assembly: Assembly) -> bool:
+    return any(item.covariance is not None for item in assembly.objects) or any(
+        pair.deviation for pair in assembly.friction_pairs
+    )
+
+
+def _varied(assembly: Assembly, rng: np.random.Generator) -> Assembly:
+    """The assembly with masses, centres of mass and friction drawn."""
+    objects = tuple(_weighed(item, rng) for item in assembly.objects)
+    pairs = tuple(
+        replace(pair, coefficient=max(0.0, float(rng.normal(pair.coefficient, pair.deviation))))
+        if pair.deviation
+        else pair
+        for pair in assembly.friction_pairs
+    )
+    return replace(assembly, objects=objects, friction_pairs=pairs)
+
+
+def _weighed(item: RigidObject, rng: np.random.Generator) -> RigidObject:
+    if item.fixed or item.covariance is None:
+        return item
+    com = item.shape.centroid if item.com is None else np.asarray(item.com)
+    covariance = np.asarray(item.covariance)[:4, :4]
+    mass, *moment = rng.multivariate_normal([item.mass, *(item.mass * com)], covariance)
+    mass = max(float(mass), _LEAST_MASS)
+    return replace(item, mass=mass, com=np.array(moment) / mass)
