@@ -24,6 +24,8 @@ from poise.types import Array
 
 _LONGEST_WAIT = 0.05
 """s that one read lasts at most; a stop takes effect after it."""
+_RECONNECTS_WITHIN = 1.0
+"""s; a stream whose device is back is back after it (docs/ft_driver.md)."""
 _REPORT_PERIOD = 1.0
 """s between reports while nothing changes."""
 
@@ -163,13 +165,19 @@ class Acquisition:
             self._bias = np.zeros(6)
         return bias
 
+    def _await_samples(self, deadline: float) -> None:
+        """Give a stream that is being reconnected the time for that."""
+        end = min(deadline, time.monotonic() + _RECONNECTS_WITHIN)
+        while not self._health.is_connected and not self._stopping.wait(0.01):
+            if time.monotonic() > end:
+                raise SensorError(ErrorCode.SENSOR_STALE, "no samples to take a bias from; connect the sensor first")
+
     def _collect(self, count: int, deadline: float) -> Bias:
+        self._await_samples(deadline)
         job = BiasJob(count)
         with self._lock:
             if self._stopping.is_set():
                 raise SensorError(ErrorCode.CANCELLED, "the driver was stopped")
-            if not self._health.is_connected:
-                raise SensorError(ErrorCode.SENSOR_STALE, "no samples to take a bias from; connect the sensor first")
             if self._job is not None:
                 self._job.fail(SensorError(ErrorCode.BUSY, "another bias was asked for"))
             self._job = job

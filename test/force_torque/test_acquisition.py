@@ -251,6 +251,15 @@ def test_without_samples_there_is_no_bias(sensor: FakeRdtSensor) -> None:
     assert caught.value.code == ErrorCode.SENSOR_STALE
 
 
+def test_a_bias_asked_for_while_the_stream_is_reconnected_is_answered(sensor: FakeRdtSensor) -> None:
+    with Session(sensor, silence=0.05) as session:
+        session.witness.wait_for(lambda: session.witness.all_blocks)
+        sensor.silent = True
+        session.witness.wait_for(lambda: "silent" in session.witness.kinds)
+        threading.Timer(0.1, setattr, (sensor, "silent", False)).start()
+        assert session.acquisition.zero(10, timeout=20.0).count == 10
+
+
 def test_a_bias_that_gets_too_few_samples_gives_up_at_its_deadline(sensor: FakeRdtSensor) -> None:
     with Session(sensor) as session:
         session.witness.wait_for(lambda: session.witness.all_blocks)
