@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.model_export import LOAD, RATE, ROBOTS, addresses, nominal_mjcf
+from benchmarks.model_export import LOAD, RATE, ROBOTS, efforts_along, nominal_mjcf, stated_payload
 from poise.cli import run
 from poise.files import write_whole
 from poise.recording import JointStream, write_recording
@@ -119,12 +119,7 @@ def recording(
     columns = [arm.joint_names.index(joint) for joint in joints]
     q, v, a = (part[:, columns] for part in (state.position, state.velocity, state.acceleration))
     v, a = v * rate[:, None], a * rate[:, None] ** 2 + v * more[:, None]
-    data, efforts = mujoco.MjData(world), np.zeros_like(q)
-    places, rates = addresses(world, joints)
-    for row in range(len(times)):
-        data.qpos[places], data.qvel[rates], data.qacc[rates] = q[row], v[row], a[row]
-        mujoco.mj_inverse(world, data)
-        efforts[row] = data.qfrc_inverse[rates]
+    efforts = efforts_along(world, joints, q, v, a)
     noise = 0.01 * np.abs(efforts).max(axis=0) + 0.01
     clock = 1.02 if motion == "skew" else 1.0
     stamps = 10**18 + round(rng.uniform(0, 1e12)) + np.round(times * clock * 1e9).astype(np.int64)
@@ -158,11 +153,9 @@ def make_pair(
         write_recording(
             folder / f"{name}.mcap", {"joint_states": stream}, robot_description=read_urdf(find_urdf(robot))
         )
-    mass, com, six = LOAD
-    payload = {"mass": mass, "com": list(com), "inertia": [six[0], 0.0, 0.0, six[1], 0.0, six[2]]}
     document = {
         "sensor_frame": arm.sensor_frame,
-        "payload": payload,
+        "payload": stated_payload(),
         "tolerance": {"payload": {"mass": 0.15, "com": 0.01}},
     }
     (folder / "model.yaml").write_text(yaml.safe_dump(document))

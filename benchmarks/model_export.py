@@ -93,6 +93,25 @@ def addresses(model: mujoco.MjModel, joints: list[str]) -> tuple[list[int], list
     return [each.qposadr[0] for each in found], [each.dofadr[0] for each in found]
 
 
+def efforts_along(
+    model: mujoco.MjModel, joints: list[str], position: Array, velocity: Array, acceleration: Array
+) -> Array:
+    """(N, J) N m or N that the joints need for a motion (N, J), by MuJoCo's inverse dynamics."""
+    data, efforts = mujoco.MjData(model), np.zeros_like(position)
+    places, rates = addresses(model, joints)
+    for row in range(len(position)):
+        data.qpos[places], data.qvel[rates], data.qacc[rates] = position[row], velocity[row], acceleration[row]
+        mujoco.mj_inverse(model, data)
+        efforts[row] = data.qfrc_inverse[rates]
+    return efforts
+
+
+def stated_payload() -> dict[str, Any]:
+    """LOAD as model.yaml has it."""
+    mass, com, six = LOAD
+    return {"mass": mass, "com": list(com), "inertia": [six[0], 0.0, 0.0, six[1], 0.0, six[2]]}
+
+
 def recording(
     model: mujoco.MjModel, robot: str, joints: list[str], rng: np.random.Generator, seconds: float
 ) -> tuple[JointStream, Array, Array]:
@@ -105,13 +124,7 @@ def recording(
     position, velocity, acceleration = (
         part[:, columns] for part in (state.position, state.velocity, state.acceleration)
     )
-    data, efforts = mujoco.MjData(model), np.zeros_like(position)
-    places, rates = addresses(model, joints)
-    for row in range(len(times)):
-        data.qpos[places], data.qvel[rates] = position[row], velocity[row]
-        data.qacc[rates] = acceleration[row]
-        mujoco.mj_inverse(model, data)
-        efforts[row] = data.qfrc_inverse[rates]
+    efforts = efforts_along(model, joints, position, velocity, acceleration)
     noise = 0.01 * np.abs(efforts).max(axis=0) + 0.01
     stamps = 10**18 + np.round(times * 1e9).astype(np.int64)
     seen = position + rng.normal(0.0, 2e-5, position.shape), velocity + rng.normal(0.0, 1e-3, velocity.shape)
@@ -146,9 +159,8 @@ def one(seed: int, folder: Path, seconds: float = 30.0, windows: int = 8) -> dic
     write_recording(bag, {"joint_states": stream}, robot_description=read_urdf(find_urdf(robot)))
     source.write_text(xml)
     link = RobotModel.from_file(robot).sensor_frame
-    mass, com, six = LOAD
-    payload = {"mass": mass, "com": list(com), "inertia": [six[0], 0.0, 0.0, six[1], 0.0, six[2]]}
-    stated.write_text(yaml.safe_dump({"sensor_frame": link, "payload": payload}))
+    mass = LOAD[0]
+    stated.write_text(yaml.safe_dump({"sensor_frame": link, "payload": stated_payload()}))
     words = ["mismatch", str(bag), "--model", str(stated), "--export", f"mjcf:{target}", "--into", str(source)]
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         status = run([*words, "--payload-link", f"held={link}", "--json", str(folder / "a.json")])

@@ -9,12 +9,12 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.mismatch import as_json, read_with_warnings
+from poise.commands.mismatch import DeadlineOption, as_json, read_with_warnings
 from poise.commands.output import JsonOption, console, progress_bar, refuse_folder, write_json
 from poise.mismatch.answer import Quantity
 from poise.mismatch.comparing import Change, Comparison
 from poise.mismatch.comparing import compare as compare_recordings
-from poise.mismatch.reading import NominalModel, load_model
+from poise.mismatch.reading import NominalModel, ReadRecording, load_model
 from poise.viewing import rounded
 
 _FirstArgument = Annotated[Path, typer.Argument(metavar="A", help="Recording before: any format of mismatch.")]
@@ -28,17 +28,13 @@ _ModelOption = Annotated[
         show_default=False,
     ),
 ]
-_DeadlineOption = Annotated[
-    float,
-    typer.Option("--deadline", metavar="SECONDS", min=0.1, help="Answer after about this time.", show_default=False),
-]
 
 
 def compare(
     a: _FirstArgument,
     b: _SecondArgument,
     model: _ModelOption = None,
-    deadline: _DeadlineOption = math.inf,
+    deadline: DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify what changed from one recording of a robot to another.
@@ -55,7 +51,7 @@ def compare(
     with progress_bar("comparing") as progress:
         found = compare_recordings(before, after, readings[0].model, deadline=deadline, progress=progress)
     chosen = readings[1 if found.side == "b" else 0]
-    write_json(json_target, as_json(found.diagnosis, [chosen]) | _fields(found))
+    write_json(json_target, _as_json(found, chosen))
     people = console(json_target)
     for note in found.notes:
         people.print(escape(note[0].upper() + note[1:] + "."), soft_wrap=True)
@@ -73,18 +69,18 @@ def compare(
     )
 
 
-def _fields(found: Comparison) -> dict[str, Any]:
-    """What a comparison has beyond a diagnosis."""
-    matched = found.alignment
+def _as_json(found: Comparison, reading: ReadRecording) -> dict[str, Any]:
+    """The fields of a diagnosis of the recording that was read, and those of a comparison."""
+    content, matched = as_json(found.diagnosis, [reading]), found.alignment
     by_name = {change.finding.effect.name: change for change in found.changes}
-    effects = [effect for effect in as_json(found.diagnosis, [])["effects"] if effect["name"] in by_name]
+    effects = [effect for effect in content["effects"] if effect["name"] in by_name]
     for effect in effects:
         change = by_name[effect["name"]]
         effect["present_in"] = change.present_in
         effect["more_in"] = change.more_in
         effect["change"] = {name: asdict(number) for name, number in change.change.items()}
         effect["in_a"] = {name: asdict(number) for name, number in change.before.items()}
-    return {
+    return content | {
         "verdict": found.verdict,
         "effects": effects,
         "alignment": {"share": matched.share, "rate": matched.rate, "notes": list(found.notes)},

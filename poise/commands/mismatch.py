@@ -77,7 +77,7 @@ SeparateOption = Annotated[
 ]
 
 
-_DeadlineOption = Annotated[
+DeadlineOption = Annotated[
     float,
     typer.Option(
         "--deadline",
@@ -98,7 +98,7 @@ def mismatch(
     export: ExportModelOption = None,
     into: IntoOption = None,
     payload_link: PayloadLinkOption = None,
-    deadline: _DeadlineOption = math.inf,
+    deadline: DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.

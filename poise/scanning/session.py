@@ -201,8 +201,8 @@ class ScanSession:
             ]
         found = place(frames, robot.description, list(robot.fixed.values()), robot.joints, options)
         notes = list(found.notes)
-        if self.longest_gap > max(_LONG_GAP, 3 * self.options.period):
-            notes.append(f"the camera sent no frame for {self.longest_gap:.1f} s: what was seen only then is missing")
+        if (gap := self.longest_gap) > max(_LONG_GAP, 3 * self.options.period):
+            notes.append(f"the camera sent no frame for {gap:.1f} s: what was seen only then is missing")
         if self.problem:
             notes.append(f"some messages could not be used: {self.problem.message}")
         return replace(found, notes=tuple(notes))

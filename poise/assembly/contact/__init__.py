@@ -14,7 +14,7 @@ from poise.assembly.contact.penetration import (
     distance_to_triangles,
     winding_number,
 )
-from poise.assembly.contact.placed import ContactPatch, bounds_of, triangle_areas
+from poise.assembly.contact.placed import ContactPatch, bounds_of, placed, triangle_areas
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "distance_to_triangles",
     "find_interfaces",
     "patches_between",
+    "placed",
     "sample_surface",
     "triangle_areas",
     "winding_number",

@@ -71,7 +71,7 @@ def find_interfaces(
         first, second = bodies[i], bodies[j]
         _check_overlap(first, second, margin)
         friction = assembly.friction_between(first.item.id, second.item.id)
-        for group in _by_plane(patches_between(first.item, second.item, margin), margin):
+        for group in _by_plane(patches_between(first, second, margin), margin):
             interfaces.append(_merged(group, i, j, friction))
     return interfaces
 

@@ -1,13 +1,11 @@
 """All places where two objects touch, whatever their shapes."""
 
-from poise.assembly.contact.placed import ContactPatch, placed
+from poise.assembly.contact.placed import ContactPatch, PlacedBody
 from poise.assembly.contact.round_contacts import round_patches
 from poise.assembly.contact.touching import touching_patches
-from poise.assembly.scene import RigidObject
 
 
-def patches_between(first: RigidObject, second: RigidObject, margin: float) -> list[ContactPatch]:
+def patches_between(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
     """All places where two objects are within a margin, m, of each other; overlaps by as much count, too."""
-    bodies = placed(first), placed(second)
-    search = round_patches if bodies[0].cylinder or bodies[1].cylinder else touching_patches
-    return search(*bodies, margin)
+    search = round_patches if first.cylinder or second.cylinder else touching_patches
+    return search(first, second, margin)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.assembly.robustness.assess import Assessment, assess
+from poise.assembly.robustness.uncertainty import drawn_moments
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling import Settled
 from poise.assembly.statics import Analysis, Deadline, Push
@@ -142,8 +143,6 @@ def _varied(assembly: Assembly, rng: np.random.Generator) -> Assembly:
 def _weighed(item: RigidObject, rng: np.random.Generator) -> RigidObject:
     if item.fixed or item.covariance is None:
         return item
-    com = item.shape.centroid if item.com is None else np.asarray(item.com)
-    covariance = np.asarray(item.covariance)[:4, :4]
-    mass, *moment = rng.multivariate_normal([item.mass, *(item.mass * com)], covariance)
+    mass, *moment = drawn_moments(item, rng, 1)[0]
     mass = max(float(mass), _LEAST_MASS)
     return replace(item, mass=mass, com=np.array(moment) / mass)

@@ -144,7 +144,9 @@ def _moves(
     After the deadline the samples that are left are dropped, those that move as well as those that stand.
     """
     loads = loads_of(analysis.assembly, [push], np.inf)
-    moments = {place: _moments(analysis.assembly.objects[place], rng, count) for place in analysis.structure.movable}
+    moments = {
+        place: drawn_moments(analysis.assembly.objects[place], rng, count) for place in analysis.structure.movable
+    }
     movers: list[Mechanism | None] = [None] * count
     solves = 0
     for block in analysis.blocks:
@@ -229,7 +231,7 @@ def _falls(block: BlockAnalysis, change: Array) -> tuple[dict[int, Array], int]:
     return {row: twists[best[row]] for row in np.flatnonzero(power > 1).tolist()}, len(twists)
 
 
-def _moments(item: RigidObject, rng: np.random.Generator, count: int) -> Array:
+def drawn_moments(item: RigidObject, rng: np.random.Generator, count: int) -> Array:
     """(count, 4) mass and mass times centre of mass (in the object frame), drawn from the covariance."""
     com = item.pose.undo(item.com_in_world)
     mean = np.concatenate([[item.mass], item.mass * com])

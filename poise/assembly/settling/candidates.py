@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import shapely
 
-from poise.assembly.contact import patches_between
+from poise.assembly.contact import patches_between, placed
 from poise.assembly.scene import Cylinder, RigidObject
 from poise.assembly.settling.belief import POINTS, SeenBodies
 from poise.assembly.settling.facets import Facets, Opposite, facets_of, opposite_faces
@@ -79,7 +79,7 @@ def edges_and_points(
         if other == place:
             continue
         first, second = min(place, other), max(place, other)
-        for patch in patches_between(items[first], items[second], _EDGE_REACH):
+        for patch in patches_between(placed(items[first]), placed(items[second]), _EDGE_REACH):
             points = np.stack([patch.points[0], patch.points[-1], patch.points.mean(axis=0)])
             ends = [
                 items[one].pose.undo(points + side * patch.gap / 2 * patch.normal)

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from poise.assembly.contact import triangle_areas
 from poise.assembly.scene import Cylinder, Polyhedron, Shape
 from poise.geometry import Pose, plane_axes
 from poise.types import Array, Indices, Mask
@@ -43,8 +44,7 @@ class Facets:
 def facets_of(shape: Hashable) -> Facets:
     """The large flat faces of a shape; the caps of a cylinder."""
     polyhedron = cast(Shape, shape).polyhedron
-    corners = polyhedron.vertices[polyhedron.triangles]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = triangle_areas(polyhedron.vertices[polyhedron.triangles])
     share = np.bincount(polyhedron.facet_of_triangle, areas, len(polyhedron.normals)) / areas.sum()
     chosen = np.arange(2) if isinstance(shape, Cylinder) else np.flatnonzero(share >= _LEAST_SHARE)
     origins = np.array([polyhedron.vertices[polyhedron.facet_triangles[f][0, 0]] for f in chosen]).reshape(-1, 3)

@@ -1,7 +1,7 @@
 """The diagnosis: named effects with probabilities, unexplained residuals, the held-out proof, live windows."""
 
 from poise.mismatch.answer.belief import BeliefBasis, belief_probability
-from poise.mismatch.answer.diagnosis import Diagnosis, SignalDiagnosis, diagnose
+from poise.mismatch.answer.diagnosis import Diagnosis, SignalDiagnosis, Verdict, diagnose, verdict_of
 from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
 from poise.mismatch.answer.named import NamedEffect, Quantity
@@ -16,9 +16,11 @@ __all__ = [
     "Quantity",
     "ResidualWindow",
     "SignalDiagnosis",
+    "Verdict",
     "belief_probability",
     "design_motion",
     "diagnose",
     "effects_called",
     "examine",
+    "verdict_of",
 ]

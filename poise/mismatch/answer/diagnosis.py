@@ -147,9 +147,7 @@ class Diagnosis:
     @property
     def verdict(self) -> Verdict:
         """none, named, unknown, or mixed: both named and unknown."""
-        if self.unknown is None:
-            return "named" if self.findings else "none"
-        return "mixed" if self.findings else "unknown"
+        return verdict_of(self.findings, self.unknown)
 
     @property
     def complete(self) -> bool:
@@ -180,6 +178,13 @@ class Diagnosis:
         """The nominal model with the effects that were found."""
         model = self.main.problem.model
         return replace(model, effects=(*model.effects, *(each.component for each in self.findings)))
+
+
+def verdict_of(named: Sequence[object], unknown: UnknownPhysics | None) -> Verdict:
+    """The verdict when this was named, and this was not."""
+    if unknown is None:
+        return "named" if named else "none"
+    return "mixed" if named else "unknown"
 
 
 def diagnose(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.inference import SignalNoise, linear_bspline_basis
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, linear_at
 from poise.types import Array
 
 _STRETCH = 0.25
@@ -127,7 +127,7 @@ def _band(recorded: RecordedMotion, seconds: Array, scaled: Array) -> tuple[floa
     if len(seconds) < 16:
         return 0.0, 0.5 / recorded.period
     even = np.arange(seconds[0], seconds[-1], recorded.period)
-    values = np.stack([np.interp(even, seconds, column) for column in scaled.T], axis=1)
+    values = linear_at(seconds, scaled, even)
     frequency, power = spectrum_of(values, recorded.period)
     above = np.clip(power - np.median(power[len(power) // 2 :]), 0.0, None)
     grown = np.cumsum(above)

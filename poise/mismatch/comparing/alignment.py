@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, linear_at
 from poise.types import Array, Mask
 
 _STEP, _MOST = 0.05, 1500
@@ -84,7 +84,7 @@ def postures(recorded: RecordedMotion) -> tuple[tuple[str, ...], Array, Array]:
         raise InputError(
             ErrorCode.UNSUPPORTED, "compare: motions are matched by joint_states, and a recording has none"
         )
-    seconds = recorded.seconds if recorded.joints is not None or recorded.effort is None else recorded.effort.seconds
+    seconds = track.seconds if isinstance(track, EffortTrack) else recorded.seconds
     if recorded.base is None or recorded.joints is None:
         return track.names, seconds, track.position
     place = recorded.base.position_in_world[:, :2]
@@ -107,7 +107,7 @@ def align(this: RecordedMotion, other: RecordedMotion) -> Alignment:
         )
     step = max(_STEP, (max(seconds[-1] - seconds[0], other_seconds[-1] - other_seconds[0])) / _MOST)
     coarse, rough = (np.arange(part[0], part[-1], step) for part in (seconds, other_seconds))
-    found = _local(_sampled(coarse, seconds, places), _sampled(rough, other_seconds, other_places))
+    found = _local(linear_at(seconds, places, coarse), linear_at(other_seconds, other_places, rough))
     if len(found) < 2:
         nothing = np.zeros(0)
         return Alignment(nothing, nothing, nothing, nothing, nothing.astype(bool), 0.0)
@@ -116,10 +116,6 @@ def align(this: RecordedMotion, other: RecordedMotion) -> Alignment:
     times = np.bincount(rows - rows[0], rough[columns])[first - rows[0]] / count
     fine = np.arange(coarse[first[0]], coarse[first[-1]] + 1e-9, _FINE)
     return _refined(fine, np.interp(fine, coarse[first], times), (seconds, places), (other_seconds, other_places))
-
-
-def _sampled(at: Array, seconds: Array, places: Array) -> Array:
-    return np.stack([np.interp(at, seconds, column) for column in places.T], axis=1)
 
 
 def _local(this: Array, other: Array) -> NDArray[np.intp]:
@@ -152,23 +148,23 @@ def _local(this: Array, other: Array) -> NDArray[np.intp]:
 
 def _refined(at: Array, times: Array, this: tuple[Array, Array], other: tuple[Array, Array]) -> Alignment:
     """Times (K,) of the other recording, moved along its motion to where the postures are nearest."""
-    place = _sampled(at, *this)
+    place = linear_at(*this, at)
     velocity = np.gradient(place, at, axis=0)
     width = _WINDOW / (at[1] - at[0])
     rates = np.gradient(other[1], other[0], axis=0)
     even = np.linspace(times[0], times[-1], len(times))
     times = np.maximum.accumulate(even + gaussian_filter1d(times - even, width))  # the steps of the path are coarse
     for _ in range(_REFINEMENTS):
-        rate = _sampled(times, other[0], rates)
-        off = place - _sampled(times, *other)
+        rate = linear_at(other[0], rates, times)
+        off = place - linear_at(*other, times)
         along = gaussian_filter1d((rate * off).sum(axis=1), width)
         size = gaussian_filter1d((rate**2).sum(axis=1), width)
         step = np.clip(along / (size + _MOVING**2), -0.2, 0.2)
         times = np.maximum.accumulate(np.clip(times + step, other[0][0], other[0][-1]))
-    distance = np.linalg.norm(place - _sampled(times, *other), axis=1)
-    others = _sampled(times, other[0], rates)
+    distance = np.linalg.norm(place - linear_at(*other, times), axis=1)
+    others = linear_at(other[0], rates, times)
     slip = np.linalg.norm(velocity - others, axis=1)
     moving = (np.linalg.norm(velocity, axis=1) > _MOVING) & (np.linalg.norm(others, axis=1) > _MOVING)
     whole = np.arange(this[0][0], this[0][-1], at[1] - at[0])
-    moves = np.linalg.norm(np.gradient(_sampled(whole, *this), whole, axis=0), axis=1) > _MOVING
+    moves = np.linalg.norm(np.gradient(linear_at(*this, whole), whole, axis=0), axis=1) > _MOVING
     return Alignment(at, times, distance, slip, moving, float(moving.sum() / max(moves.sum(), 1)))

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
+from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, Verdict, diagnose, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
 from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
@@ -96,11 +96,9 @@ class Comparison:
     seconds: float
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """none, named, unknown or mixed, as of a diagnosis."""
-        if self.diagnosis.unknown is None:
-            return "named" if self.changes else "none"
-        return "mixed" if self.changes else "unknown"
+        return verdict_of(self.changes, self.diagnosis.unknown)
 
 
 def compare(
@@ -140,8 +138,11 @@ def compare(
             " needed: record the same motion twice, or diagnose each recording with `poise mismatch`",
         )
     skew = matched.rate if _SKEW < abs(matched.rate - 1.0) < _ALIKE else 1.0
-    if skew != 1.0 and unlike(_less(on_a := with_motion_of(b, a, matched.reversed()), a)) < unlike(_less(b, a)):
-        b, matched = on_a, align(on_a, a)
+    if skew != 1.0:
+        on_a = with_motion_of(b, a, matched.reversed())
+        instead = align(on_a, a)
+        if unlike(_less(on_a, a, instead)) < unlike(_less(b, a, matched)):
+            b, matched = on_a, instead
     answers = {"b": _one_way(b, a, matched, stages)}
     if answers["b"].verdict != "none":
         answers["a"] = _one_way(a, b, matched.reversed(), stages)
@@ -210,9 +211,8 @@ def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, st
     return stages.diagnose(_less(this, with_model_effects(other, common.effects), matched), common)
 
 
-def _less(this: RecordedMotion, other: RecordedMotion, matched: Alignment | None = None) -> RecordedMotion:
+def _less(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:
     """This recording without what the other has too, where both move alike."""
-    matched = align(this, other) if matched is None else matched
     slip = math.inf
     if _same_speed(matched):
         _, seconds, places = postures(this)

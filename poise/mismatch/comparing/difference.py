@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.comparing.alignment import Alignment
-from poise.mismatch.recorded import EffortTrack, RecordedMotion
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, linear_at
 from poise.types import Array, Mask
 
 _FEWEST = 200
@@ -27,7 +27,7 @@ def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment
         InputError: TOO_FEW_SAMPLES when too little is left.
     """
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
-    rest = _at(times, other.seconds, other.wrench - other.prediction)
+    rest = linear_at(other.seconds, other.wrench - other.prediction, times)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
     result = replace(this, wrench=this.wrench - rest, motion_variance=varied)
     if this.has("wrench") and other.has("wrench"):
@@ -51,13 +51,13 @@ def with_motion_of(this: RecordedMotion, other: RecordedMotion, alignment: Align
         this, other: of one motion at one speed; this one's clock is wrong.
         alignment: of the other with this.
     """
-    times, kept = _counterparts(other.seconds, this.seconds, alignment, np.ones(len(alignment.seconds), dtype=bool))
-    moved = replace(other, wrench=_at(times, this.seconds, this.wrench)).select(kept)
+    times, kept = _counterparts(other.seconds, this.seconds, alignment)
+    moved = replace(other, wrench=linear_at(this.seconds, this.wrench, times)).select(kept)
     if this.effort is None or other.effort is None:
         return replace(moved, effort=None)
     track = other.effort
-    times, kept = _counterparts(track.seconds, this.effort.seconds, alignment, np.ones(len(alignment.seconds), bool))
-    measured = _at(times, this.effort.seconds, this.effort.measured)
+    times, kept = _counterparts(track.seconds, this.effort.seconds, alignment)
+    measured = linear_at(this.effort.seconds, this.effort.measured, times)
     return replace(moved, effort=replace(track, measured=measured).select(kept))
 
 
@@ -69,17 +69,18 @@ def unlike(less: RecordedMotion) -> float:
     return float(np.mean([((m - p).var(axis=0) / np.maximum(m.var(axis=0), 1e-12)).mean() for m, p in pairs]))
 
 
-def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Mask) -> tuple[Array, Mask]:
-    """(N,) s in the other recording, and which samples have one there."""
+def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Mask | None = None) -> tuple[Array, Mask]:
+    """(N,) s in the other recording, and which samples have one there; `alike` as in `difference`."""
     times = alignment.at(seconds)
     kept = np.isfinite(times) & (times >= others[0]) & (times <= others[-1])
-    kept &= np.interp(seconds, alignment.seconds, alike.astype(np.float64)) > 0.99
+    if alike is not None:
+        kept &= np.interp(seconds, alignment.seconds, alike.astype(np.float64)) > 0.99
     return np.where(kept, times, others[0]), kept
 
 
 def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask) -> EffortTrack:
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
-    rest = _at(times, other.seconds, other.measured - other.prediction)
+    rest = linear_at(other.seconds, other.measured - other.prediction, times)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
     return replace(this, measured=this.measured - rest, motion_variance=varied).select(kept)
 
@@ -87,9 +88,4 @@ def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike:
 def _sum(own: Array | None, others: Array | None, times: Array, seconds: Array) -> Array | None:
     if own is None or others is None:
         return own
-    return own + _at(times, seconds, others)
-
-
-def _at(times: Array, seconds: Array, values: Array) -> Array:
-    """(N, C) values (M, C) at times (N,)."""
-    return np.stack([np.interp(times, seconds, column) for column in values.T], axis=1)
+    return own + linear_at(seconds, others, times)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times, linear_at
 from poise.types import Array
 
 _LARGEST = 0.3
@@ -37,7 +37,7 @@ class ClockOffset(Effect):
         rows = slice(None, None, max(round(_COARSE / recorded.period), 1))
         seconds, model, left = recorded.seconds[rows], recorded.prediction[rows], residual[rows]
         tried = np.arange(-_LARGEST, _LARGEST + 0.005, 0.01)
-        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in model.T], axis=1) - model for delay in tried)
+        moved = (linear_at(seconds, model, seconds - delay) - model for delay in tried)
         misfit = [float(np.var((left - shift) * weight, axis=0).sum()) for shift in moved]
         yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * _LARGEST, 0.99 * _LARGEST))}
 

@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dtbtrs
 from poise.geometry import cross
 from poise.kernels import COMPILED, pendulum
 from poise.kernels import between_stops as compiled_stops
-from poise.mismatch.recorded import hermite
+from poise.mismatch.recorded import hermite, linear_at
 from poise.types import Array
 
 _MOST_STEPS = 1e4
@@ -108,8 +108,8 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
     step = float(even[1] - even[0])
     square = 2.0 * (1.0 - np.cos(frequency * step)) / frequency**2
     half = damping * square / (2.0 * step)
-    drive = np.stack([np.interp(even, seconds, p) for p in (pull * (square / (1.0 + half))).T], axis=1)
-    turn = np.stack([np.interp(even, seconds, w) for w in (rate * (damping * square / (1.0 + half))).T], axis=1)
+    drive = linear_at(seconds, pull * (square / (1.0 + half)), even)
+    turn = linear_at(seconds, rate * (damping * square / (1.0 + half)), even)
     steady = drive[:3] / np.linalg.norm(drive[:3], axis=1, keepdims=True)
     before = 3.0 * steady[0] - 3.0 * steady[1] + steady[2]
     places = (pendulum if COMPILED else _shaken)(np.stack([steady[0], before]), drive, turn, half)

@@ -6,7 +6,7 @@ from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
 from poise.mismatch.recorded.recorded_motion import BaseTrack, CommandTrack, EffortTrack, JointTrack, RecordedMotion
-from poise.mismatch.recorded.resampling import at_times, hermite
+from poise.mismatch.recorded.resampling import at_times, hermite, linear_at
 
 __all__ = [
     "LINK_PARAMETERS",
@@ -25,6 +25,7 @@ __all__ = [
     "hermite",
     "joint_torques",
     "lattice",
+    "linear_at",
     "load_wrench",
     "motion_response",
     "noise_level",

@@ -9,6 +9,7 @@ import numpy as np
 
 from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
+from poise.mismatch.recorded.resampling import linear_at
 from poise.types import Array, Mask
 
 T = TypeVar("T")
@@ -71,7 +72,7 @@ class CommandTrack:
 
     def position_at(self, seconds: Array) -> Array:
         """(N, J) the commanded positions at some seconds (N,), interpolated linearly."""
-        return np.stack([np.interp(seconds, self.seconds, column) for column in self.position.T], axis=1)
+        return linear_at(self.seconds, self.position, seconds)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Values interpolated at other times, by cubic splines.
+"""Values interpolated at other times, linearly or by cubic splines.
 
 scipy.interpolate would do the same, but with scipy.optimize it takes longer to import than a short diagnosis computes.
 """
@@ -20,6 +20,11 @@ def at_times(seconds: Array, values: Array, wanted: Array) -> Array:
     rows = np.array(values.reshape(len(values), -1).T, order="C")
     found = hermite(seconds, rows, _slopes(seconds, rows), np.clip(wanted, seconds[0], seconds[-1]))
     return np.ascontiguousarray(found.T).reshape(len(wanted), *values.shape[1:])
+
+
+def linear_at(seconds: Array, values: Array, wanted: Array) -> Array:
+    """(M, C) values (N, C) at other times, linearly between samples; outside them, values are held constant."""
+    return np.stack([np.interp(wanted, seconds, column) for column in values.T], axis=1)
 
 
 def hermite(seconds: Array, values: Array, slopes: Array, wanted: Array, derivative: int = 0) -> Array:
