@@ -63,10 +63,21 @@ def warn_of_moves(settled: Settled) -> None:
         f"{len(settled.moves)} poses settled: moved by up to {length * 1e3:.2f} mm and {np.degrees(angle):.2f} degrees "
         f"({farthest.sigmas:.1f} sigma, {farthest.id})"
     )
+    if settled.strain > 1:
+        warn(_strained(settled))
     if settled.doubtful_pairs:
         pairs = [f"{a} and {b} ({chance:.0%})" for (a, b), chance in list(settled.doubtful_pairs.items())[:3]]
         more = f" and {len(settled.doubtful_pairs) - 3} more" if len(settled.doubtful_pairs) > 3 else ""
         warn(f"neighbours that may touch or not: {', '.join(pairs)}{more}")
+
+
+def _strained(settled: Settled) -> str:
+    worst = settled.worst
+    name, sigmas = (worst.id, worst.sigmas) if worst else ("", 0.0)
+    return (
+        f"{name} was moved by {sigmas:.1f} sigma, and up to {settled.accepted:.1f} are likely here: the stated "
+        "uncertainty is too small, or a pose or a size is wrong; intervals are as much wider"
+    )
 
 
 def settled_json(settled: Settled, found: UncertainAssessment) -> dict[str, Any]:
@@ -92,7 +103,17 @@ def settled_json(settled: Settled, found: UncertainAssessment) -> dict[str, Any]
             "fallen": found.fallen,
             "refused": found.refused,
             "coverage": found.coverage,
-        }
+        },
+        "findings": [
+            {
+                "code": int(ErrorCode.POOR_FIT),
+                "name": ErrorCode.POOR_FIT.name,
+                "sentence": _strained(settled),
+                "evidence": {"strain": settled.strain},
+            }
+        ]
+        if settled.strain > 1
+        else [],
     }
 
 

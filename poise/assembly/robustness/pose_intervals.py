@@ -10,7 +10,7 @@ from poise.assembly.robustness.uncertainty import drawn_moments
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling import Settled
 from poise.assembly.statics import Analysis, Deadline, Push
-from poise.errors import InputError
+from poise.errors import PoiseError
 from poise.types import Array
 
 SAMPLES = 59
@@ -101,10 +101,10 @@ def assess_settled(
 def _assessed(
     scene: Settled, sample: Assembly, pushes: Sequence[Push | Sequence[Push]], model: str | None, clock: Deadline
 ) -> Assessment | None:
-    """Answers about a sample; None where its objects overlap too much, or whether it stands was not known in time."""
+    """Answers about a sample; None where it overlaps too much, no solver answered, or time ran out."""
     try:
         found = assess(Analysis.of(sample), carried(scene, pushes, sample), model, clock.remaining)
-    except InputError:
+    except PoiseError:
         return None
     return None if found.doubtful else found
 

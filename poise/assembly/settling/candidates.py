@@ -1,7 +1,7 @@
 """Where bodies may touch: flat faces on flat faces, and round sides along a line of a flat face."""
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -10,10 +10,12 @@ import shapely
 from poise.assembly.contact import patches_between, placed
 from poise.assembly.scene import Cylinder, RigidObject
 from poise.assembly.settling.belief import POINTS, SeenBodies
-from poise.assembly.settling.facets import Facets, Opposite, facets_of, opposite_faces
+from poise.assembly.settling.facets import Facets, Opposite, faces_in_line, facets_of, opposite_faces
 from poise.assembly.settling.rows import DistanceRows
 from poise.types import Array, Indices, Mask
 
+_SIGMAS = 3.0
+"""Independent errors of a pose, all at a time, that explain a distance."""
 _SLACK = 5e-4
 """m by which a distance may miss what the poses' uncertainty explains."""
 _EDGE_REACH = 0.02
@@ -28,11 +30,13 @@ class Candidates:
         rows: (3 C,) distances, 0 where they touch.
         normal: (C, 3) from the first body into the second, as they were seen.
         narrow: (C,) whether the bodies may in truth be beside each other.
+        in_line: (C,) no contacts, but faces of neighbours that may be in one plane: distances 0 where they are.
     """
 
     rows: DistanceRows
     normal: Array
     narrow: Mask
+    in_line: Mask
 
     def of(self, number: int) -> DistanceRows:
         """The rows of one candidate."""
@@ -40,8 +44,17 @@ class Candidates:
 
     def and_also(self, others: "Candidates") -> "Candidates":
         """These and others."""
-        normal, narrow = np.concatenate([self.normal, others.normal]), np.concatenate([self.narrow, others.narrow])
-        return Candidates(DistanceRows.joined([self.rows, others.rows]), normal, narrow)
+        return Candidates(
+            DistanceRows.joined([self.rows, others.rows]),
+            np.concatenate([self.normal, others.normal]),
+            np.concatenate([self.narrow, others.narrow]),
+            np.concatenate([self.in_line, others.in_line]),
+        )
+
+    def chosen(self, numbers: Mask) -> "Candidates":
+        """Some of them."""
+        rows = self.rows[np.repeat(numbers, POINTS)]
+        return Candidates(rows, self.normal[numbers], self.narrow[numbers], self.in_line[numbers])
 
     @property
     def first(self) -> Indices:
@@ -67,7 +80,37 @@ def find_candidates(items: tuple[RigidObject, ...], bodies: SeenBodies, sigmas: 
     lines = _of_round_sides(items, bodies, reach, angle)
     if lines is not None:
         found = found.and_also(lines)
-    return _explained(found, bodies, sigmas)
+    found = _explained(found, bodies, sigmas)
+    return found.and_also(_explained(_in_line(items, bodies, found, angle), bodies, sigmas))
+
+
+def _in_line(items: tuple[RigidObject, ...], bodies: SeenBodies, found: Candidates, angle: Array) -> Candidates:
+    """Faces that may be in one plane, of pairs that may touch: cartons of one size are mostly stacked so."""
+    pairs = np.zeros((len(items), len(items)), dtype=bool)
+    pairs[found.first, found.second] = True
+    first, second, numbers = faces_in_line([item.shape for item in items], bodies.poses, pairs, angle)
+    facets = [facets_of(cast(Hashable, item.shape)) for item in items]
+    count = len(first)
+    points = np.empty((count, POINTS, 3))
+    for number, (place, facet) in enumerate(zip(second.tolist(), numbers[:, 1].tolist(), strict=True)):
+        points[number] = facets[place].around[facet]
+    found = _over_faces(facets, bodies, first, numbers[:, 0], second, points)
+    return replace(found, in_line=np.ones(count, dtype=bool))
+
+
+def _over_faces(
+    facets: list[Facets], bodies: SeenBodies, first: Indices, numbers: Indices, second: Indices, points: Array
+) -> Candidates:
+    """Three points (C, 3, 3) in the frames of the second bodies over faces of the first ones."""
+    normal, origin = np.empty((2, len(first), 3))
+    for number, (place, facet) in enumerate(zip(first.tolist(), numbers.tolist(), strict=True)):
+        normal[number], origin[number] = facets[place].normals[facet], facets[place].origins[facet]
+    every = [np.repeat(value, POINTS, axis=0) for value in (first, second)]
+    planes = [np.repeat(value, POINTS, axis=0) for value in (normal, origin)]
+    rows = DistanceRows(every[0], every[1], planes[0], planes[1], points.reshape(-1, 3), np.zeros(len(every[0])))
+    outward = np.einsum("cij,cj->ci", bodies.poses.rotation[first], normal)
+    none = np.zeros(len(first), dtype=bool)
+    return Candidates(rows, outward, none, none)
 
 
 def edges_and_points(
@@ -91,31 +134,27 @@ def edges_and_points(
             normals.append(patch.normal)
     if not parts:
         return None
-    found = Candidates(DistanceRows.joined(parts), np.array(normals), np.zeros(len(parts), dtype=bool))
+    none = np.zeros(len(parts), dtype=bool)
+    found = Candidates(DistanceRows.joined(parts), np.array(normals), none, none)
     return _explained(found, bodies, sigmas)
 
 
 def _explained(found: Candidates, bodies: SeenBodies, sigmas: float) -> Candidates:
     """Those whose distances the uncertainty of the poses explains."""
     distance, *_ = found.rows.linearised(bodies.poses)
-    spread = sum(bodies.spread(found.rows, bodies.poses))
-    near = np.all((np.abs(distance) <= sigmas * spread + _SLACK).reshape(-1, POINTS), axis=1)
-    return Candidates(found.rows[np.repeat(near, POINTS)], found.normal[near], found.narrow[near])
+    deviation, largest = bodies.spread(found.rows)
+    explained = np.abs(distance) <= np.maximum(sigmas * deviation, _SIGMAS * largest) + _SLACK
+    near = np.all(explained.reshape(-1, POINTS), axis=1)
+    return found.chosen(near)
 
 
 def _of_faces(items: tuple[RigidObject, ...], bodies: SeenBodies, flat: Opposite, position: Array) -> Candidates:
     facets = [facets_of(cast(Hashable, item.shape)) for item in items]
-    normal, origin = np.empty((2, len(flat.first), 3))
-    for number, (place, facet) in enumerate(zip(flat.first.tolist(), flat.facets[:, 0].tolist(), strict=True)):
-        normal[number], origin[number] = facets[place].normals[facet], facets[place].origins[facet]
     rotation, translation = bodies.poses.rotation[flat.second], bodies.poses.translation[flat.second]
     points = np.einsum("cpi,cij->cpj", flat.points - translation[:, None], rotation)
-    first, second = np.repeat(flat.first, POINTS), np.repeat(flat.second, POINTS)
-    normals, origins = np.repeat(normal, POINTS, axis=0), np.repeat(origin, POINTS, axis=0)
-    rows = DistanceRows(first, second, normals, origins, points.reshape(-1, 3), np.zeros(len(first)))
+    found = _over_faces(facets, bodies, flat.first, flat.facets[:, 0], flat.second, points)
     aside = np.hypot(position[flat.first], position[flat.second])
-    outward = np.einsum("cij,cj->ci", bodies.poses.rotation[flat.first], normal)
-    return Candidates(rows, outward, flat.width < 3 * aside)
+    return replace(found, narrow=flat.width < 3 * aside)
 
 
 def _of_round_sides(
@@ -142,7 +181,8 @@ def _of_round_sides(
                     normals.append(other.pose.rotation @ facets.normals[facet])
     if not parts:
         return None
-    return Candidates(DistanceRows.joined(parts), np.array(normals), np.zeros(len(parts), dtype=bool))
+    none = np.zeros(len(parts), dtype=bool)
+    return Candidates(DistanceRows.joined(parts), np.array(normals), none, none)
 
 
 def _line(

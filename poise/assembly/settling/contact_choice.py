@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
-from poise.assembly.settling.belief import POINTS, Belief, SeenBodies
+from poise.assembly.contact import CONTACT_MARGIN
+from poise.assembly.settling.belief import MIDDLE, POINTS, Belief, SeenBodies
 from poise.assembly.settling.candidates import Candidates
 from poise.types import Array, Indices, Mask
 
@@ -14,8 +16,11 @@ _CONSISTENT = 1.5e-4
 """m, one sigma: by how much distances that contacts already fix may miss zero."""
 _MOST = 54.0
 """Largest squared Mahalanobis distance of three distances at which a body rests on another: both off by 3 sigma."""
-_ASIDE = 0.04
-"""m: distances between neighbours that do not touch are as likely everywhere up to this."""
+_ASIDE, _TURNED = 0.04, 0.02
+"""m: distances between neighbours that do not touch, and by how much they are longer at one end, are as likely
+everywhere up to this."""
+_SURE = 50.0
+"""Logarithm of odds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +29,14 @@ class Choice:
 
     Args:
         contacts: in the order in which they were accepted.
+        rows: those of them, and of faces in line, that do not follow from the ones before.
         beside: faces of neighbours that are apart, as far as the contacts leave a choice.
         resting: (N,) whether each body has a contact that carries it.
-        chances: probability that they touch for all pairs of faces side by side, by the number of the candidate.
+        chances: probability by the number of the candidate, of faces side by side to touch and of others to be in line.
     """
 
     contacts: tuple[int, ...]
+    rows: tuple[int, ...]
     beside: tuple[int, ...]
     resting: Mask
     chances: dict[int, float]
@@ -42,7 +49,8 @@ def choose(
 
     Each accepted contact conditions the Gaussian of all poses, so that the next is judged by what is known then: on
     the highest face under it a body rests; a lower one that contacts already hold away is rejected.
-    Faces side by side touch if that is more likely than any distance up to `_ASIDE`.
+    Faces side by side touch if that is more likely than any distance up to `_ASIDE`. Faces of equally large bodies that
+    touch are in line if that is more likely than any such offset.
 
     Args:
         candidates: of contacts.
@@ -53,12 +61,13 @@ def choose(
     """
     belief = Belief(bodies, candidates.rows)
     steepness = candidates.normal @ up
+    carries = (np.abs(steepness) > _CARRIES) & ~candidates.in_line
     contacts: list[int] = []
     resting = bodies.slot < 0
     carriers = [
-        np.flatnonzero((candidates.second == place) & (steepness > _CARRIES)) for place in range(len(bodies.slot))
+        np.flatnonzero((candidates.second == place) & carries & (steepness > 0)) for place in range(len(bodies.slot))
     ]
-    for number in np.flatnonzero(steepness < -_CARRIES).tolist():
+    for number in np.flatnonzero(carries & (steepness < 0)).tolist():
         place = int(candidates.first[number])
         carriers[place] = np.append(carriers[place], number)
     for place in np.argsort(lowest, kind="stable").tolist():
@@ -71,8 +80,17 @@ def choose(
             accepted = _resting_on(belief, some[np.argsort(heights, kind="stable")[::-1]])
             resting[place] |= len(accepted) > 0
             contacts += accepted
-    beside, chances, touching = _side_by_side(belief, candidates, np.abs(steepness) <= _CARRIES, rng)
-    return Choice(tuple(contacts + touching), beside, resting, chances)
+    sides = np.flatnonzero(~carries & ~candidates.in_line & ~candidates.narrow)
+    touching, beside, chances = _likely(belief, candidates, sides, rng)
+    contacts += touching
+    pairs = {_pair(candidates, number) for number in contacts}
+    numbers = [number for number in np.flatnonzero(candidates.in_line).tolist() if _pair(candidates, number) in pairs]
+    chances |= _likely(belief, candidates, np.array(numbers, dtype=np.int64), rng)[2]
+    return Choice(tuple(contacts), tuple(belief.accepted), tuple(beside), resting, chances)
+
+
+def _pair(candidates: Candidates, number: int) -> tuple[int, int]:
+    return int(candidates.first[number]), int(candidates.second[number])
 
 
 def _resting_on(belief: Belief, numbers: Indices) -> list[int]:
@@ -97,34 +115,46 @@ def _height(belief: Belief, candidates: Candidates, bodies: SeenBodies, number: 
     return float(np.mean(points @ up - belief.shift(number, of_first=False)))
 
 
-def _side_by_side(
-    belief: Belief, candidates: Candidates, beside: Mask, rng: np.random.Generator | None
-) -> tuple[tuple[int, ...], dict[int, float], list[int]]:
-    """Faces apart, the probability of each to touch, and those that touch; the surest are decided first."""
-    numbers = np.flatnonzero(beside & ~candidates.narrow).tolist()
-    order = sorted(numbers, key=lambda number: -_chance(belief, number))
-    apart, touching, chances = [], [], {}
+def _likely(
+    belief: Belief, candidates: Candidates, numbers: Indices, rng: np.random.Generator | None
+) -> tuple[list[int], list[int], dict[int, float]]:
+    """Faces that touch or are in line, those that are not, and all probabilities; the surest are decided first."""
+    in_line = candidates.in_line
+    order = sorted(numbers.tolist(), key=lambda number: -_chance(belief, number, bool(in_line[number])))
+    accepted, rejected, chances = [], [], {}
     for number in order:
-        chance = _chance(belief, number)
-        chances[number] = chance
+        chance = chances[number] = _chance(belief, number, bool(in_line[number]))
         if chance > (0.5 if rng is None else rng.random()):
             belief.accept(number)
-            touching.append(number)
+            accepted.append(number)
         else:
-            apart.append(number)
-    return tuple(apart), chances, touching
+            rejected.append(number)
+    return accepted, rejected, chances
 
 
-def _chance(belief: Belief, number: int) -> float:
-    """Probability that two faces side by side touch, before any other evidence as likely as not."""
+def _chance(belief: Belief, number: int, in_line: bool) -> float:
+    """Probability that two faces side by side touch, or are in line, before any other evidence as likely as not.
+
+    If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far),
+    and all angles up to some degrees.
+    """
     mean, covariance = belief.expected(number)
-    values, axes = np.linalg.eigh(covariance + _CONSISTENT**2 * np.eye(len(mean)))
-    square = float(np.sum((axes.T @ mean) ** 2 / values))
+    covariance = covariance + _CONSISTENT**2 * np.eye(POINTS)
+    gap, variance = float(MIDDLE @ mean), float(MIDDLE @ covariance @ MIDDLE)
+    gain = covariance @ MIDDLE / variance
+    values, axes = np.linalg.eigh(covariance - np.outer(gain, gain) * variance)
+    turned = (axes.T @ (mean - gain * gap))[1:]  # the first is the gap itself, which leaves no variance
+    values = values[1:]
+    odds = -float(np.sum(turned**2 / values)) / 2
     # In directions that contacts already fix, distances other than zero are not as likely as zero.
-    free = values > 4 * _CONSISTENT**2
-    if not free.any():
-        return float(square <= _MOST)
-    odds = float(np.sum(np.log(_ASIDE / np.sqrt(2 * np.pi * values[free])))) - square / 2
+    odds += float(np.sum(np.log(_TURNED / np.sqrt(2 * np.pi * values[values > 4 * _CONSISTENT**2]))))
+    std = np.sqrt(variance)
+    if std > 4 * _CONSISTENT:
+        ends = (-_ASIDE / 2, _ASIDE / 2) if in_line else (CONTACT_MARGIN, _ASIDE)
+        apart = (ndtr((ends[1] - gap) / std) - ndtr((ends[0] - gap) / std)) / _ASIDE
+        odds += -(gap**2) / (2 * variance) - float(np.log(max(apart, 1e-30) * std * np.sqrt(2 * np.pi)))
+    else:
+        odds += _SURE if abs(gap) < CONTACT_MARGIN else -_SURE
     return float(1 / (1 + np.exp(-np.clip(odds, -50, 50))))
 
 

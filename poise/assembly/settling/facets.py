@@ -16,6 +16,9 @@ from poise.types import Array, Indices, Mask
 
 _LEAST_SHARE = 0.01
 """Of a surface: smaller faces are taken as parts of a curved one."""
+_OPPOSITE = -0.999
+_SAME_SIZE = 1e-3
+"""m by which bodies that are aligned may differ in size."""
 _TOUCHING_SOON = 2e-3
 """m added to what poses may be off."""
 
@@ -32,12 +35,18 @@ class Facets:
         origins: (F, 3) a point on each.
         axes: (F, 2, 3) in the plane of each.
         outlines: (F,) polygons in these axes, from these origins.
+        around: (F, 3, 3) three points of the rectangle around each outline, as in `Opposite`.
+        depth: (F,) m, how far the body reaches behind each.
+        leads: (F,) whether no earlier face looks the opposite way.
     """
 
     normals: Array
     origins: Array
     axes: Array
     outlines: Outlines
+    around: Array
+    depth: Array
+    leads: Mask
 
 
 @lru_cache(maxsize=512)
@@ -51,7 +60,18 @@ def facets_of(shape: Hashable) -> Facets:
     normals = polyhedron.normals[chosen]
     axes = plane_axes(normals) if len(chosen) else np.zeros((0, 2, 3))
     outlines = [_outline(polyhedron, int(f), o, a) for f, o, a in zip(chosen, origins, axes, strict=True)]
-    return Facets(normals, origins, axes, np.array(outlines, dtype=object))
+    box = shapely.bounds(outlines).reshape(-1, 4)
+    around = origins[:, None] + np.einsum("fpk,fki->fpi", _three_points(box), axes)
+    depth = np.ptp(normals @ polyhedron.vertices.T, axis=1)
+    leads = ~np.any(np.tril(normals @ normals.T < _OPPOSITE, -1), axis=1)
+    return Facets(normals, origins, axes, np.array(outlines, dtype=object), around, depth, leads)
+
+
+def _three_points(box: Array) -> Array:
+    """(C, 3, 2) corners at one side of rectangles (C, 4: least x, y, greatest x, y), and the middle of the other."""
+    half = (box[:, 2:] - box[:, :2]) / 2
+    across = np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
+    return np.asarray(((box[:, :2] + box[:, 2:]) / 2)[:, None] + half[:, None] * across)
 
 
 def _outline(polyhedron: Polyhedron, facet: int, origin: Array, axes: Array) -> shapely.Geometry:
@@ -70,8 +90,7 @@ class Opposite:
         facets: (C, 2) numbers in their `Facets`.
         points: (C, 3, 3) three points around the region that both faces cover, on the second face, in the assembly's
             frame.
-        width: (C,) m, of the region: twice its area over half its outline; at least half its shorter side.
-        area: (C,) m2 of it.
+        width: (C,) m, the shorter side of the rectangle around the region, along the axes of the first face.
     """
 
     first: Indices
@@ -79,7 +98,6 @@ class Opposite:
     facets: Indices
     points: Array
     width: Array
-    area: Array
 
 
 def opposite_faces(shapes: list[Shape], poses: Pose, reach: Array, angle: Array, wanted: Mask) -> Opposite:
@@ -92,9 +110,7 @@ def opposite_faces(shapes: list[Shape], poses: Pose, reach: Array, angle: Array,
         angle: (N,) rad by which it may be turned.
         wanted: (N,) whether it may move; pairs of two that may not are left out.
     """
-    facets = [facets_of(cast(Hashable, shape)) for shape in shapes]
-    body = np.repeat(np.arange(len(shapes)), [len(f.normals) for f in facets])
-    number = np.concatenate([np.arange(len(f.normals)) for f in facets])
+    facets, body, number = _every(shapes)
     turn = poses.rotation[body]
     normals = np.einsum("fij,fj->fi", turn, np.concatenate([f.normals for f in facets]))
     origins = np.einsum("fij,fj->fi", turn, np.concatenate([f.origins for f in facets])) + poses.translation[body]
@@ -113,18 +129,42 @@ def opposite_faces(shapes: list[Shape], poses: Pose, reach: Array, angle: Array,
     slide = np.einsum("cki,ci->ck", axes[a], origins[b] - origins[a])
     drawn_b = _mapped(outlines[b], np.einsum("cki,cli->ckl", axes[b], axes[a]), slide)
     region = shapely.intersection(drawn_a, drawn_b)
-    area, outline = shapely.area(region), shapely.length(region)
-    kept = np.flatnonzero(area > 0)
-    middle = shapely.get_coordinates(shapely.centroid(region[kept]))
+    kept = np.flatnonzero(shapely.area(region) > 0)
     box = shapely.bounds(region[kept])
-    half = (box[:, 2:] - box[:, :2]) / 2
-    around = middle[:, None] + half[:, None] * np.array([[-1.0, -1.0], [1.0, -1.0], [0.0, 1.0]])
     a, b = a[kept], b[kept]
-    points = origins[a][:, None] + np.einsum("cpk,cki->cpi", around, axes[a])
+    points = origins[a][:, None] + np.einsum("cpk,cki->cpi", _three_points(box), axes[a])
     over = np.einsum("cpi,ci->cp", points - origins[b][:, None], normals[b])
     points = points - over[..., None] * normals[b][:, None]
     both = np.stack([number[a], number[b]], axis=1)
-    return Opposite(body[a], body[b], both, points, 4 * area[kept] / outline[kept], area[kept])
+    return Opposite(body[a], body[b], both, points, (box[:, 2:] - box[:, :2]).min(axis=1))
+
+
+def faces_in_line(shapes: list[Shape], poses: Pose, pairs: Mask, angle: Array) -> tuple[Indices, Indices, Indices]:
+    """Faces of two bodies that look the same way, where both are equally deep: their other sides are in line, too.
+
+    Args:
+        shapes: N.
+        poses: of them.
+        pairs: (N, N) whether the first and the second body are asked about.
+        angle: (N,) rad by which each may be turned.
+
+    Returns:
+        (C,) places of the first and of the second bodies, and (C, 2) numbers in their `Facets`.
+    """
+    facets, body, number = _every(shapes)
+    normals = np.einsum("fij,fj->fi", poses.rotation[body], np.concatenate([f.normals for f in facets]))
+    depth, leads = np.concatenate([f.depth for f in facets]), np.concatenate([f.leads for f in facets])
+    close = normals @ normals.T > np.cos(np.minimum(angle[body][:, None] + angle[body][None], 0.5))
+    close &= (np.abs(depth[:, None] - depth[None]) <= _SAME_SIZE) & leads[:, None] & pairs[body[:, None], body[None]]
+    a, b = np.nonzero(close)
+    return body[a], body[b], np.stack([number[a], number[b]], axis=1)
+
+
+def _every(shapes: list[Shape]) -> tuple[list[Facets], Indices, Indices]:
+    """The faces of all shapes, and of each the place of its body and its number there."""
+    facets = [facets_of(cast(Hashable, shape)) for shape in shapes]
+    body = np.repeat(np.arange(len(shapes)), [len(f.normals) for f in facets])
+    return facets, body, np.concatenate([np.arange(len(f.normals)) for f in facets])
 
 
 def _mapped(outlines: Outlines, turn: Array, slide: Array) -> Outlines:

@@ -59,7 +59,7 @@ def moved_too_far(
         moved: the object's id, and by how many sigmas.
         sigmas: accepted.
     """
-    spread = np.maximum(sum(bodies.spread(rows, bodies.poses)), 1e-9)
+    spread = np.maximum(bodies.spread(rows)[0], 1e-9)
     place = next(place for place, item in enumerate(items) if item.id == moved[0])
     own = (rows.first == place) | (rows.second == place)
     worst = int(np.argmax(np.abs(lacking) / spread * np.where(own, 1.0, 1e-6)))

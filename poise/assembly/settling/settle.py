@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.stats import norm
@@ -23,8 +22,17 @@ _THREE_SIGMA = 0.0027
 """Probability beyond three sigma."""
 _APART = CONTACT_MARGIN + 2e-4
 """m between neighbours that do not touch."""
+_KNOWN = 1e-6
+"""m and rad, one sigma of what is known exactly."""
+_MOST_STRAIN = 2.0
+"""Largest move over what is likely."""
 _YIELDS = 3e-4
 """m by which that may be less where it would move other bodies much."""
+_COARSE, _FINE = (1e-4, 2e-5), (2e-5, 1e-6, 1e-6)
+"""m, one sigma of the distances at contacts, iteration by iteration."""
+_ROUNDS = 3
+_OVERLAPPING = 2e-4
+"""m; if bodies overlap more, the planes between them are chosen again, in at most so many rounds."""
 _OVERLAPS = 2e-5
 """m by which bodies may overlap where it would."""
 
@@ -56,13 +64,26 @@ class Settled:
         moves: of the objects whose poses are uncertain.
         doubtful_pairs: ids of neighbours side by side, with the probability that they touch, where it is neither
             below 2 % nor above 98 %.
+        accepted: sigmas that are likely for the largest of all moves: three for the scene as a whole. Where a move is
+            larger, poses are as much less sure than stated (`strain`).
     """
 
     assembly: Assembly
     seen: Assembly
     moves: tuple[Move, ...]
     doubtful_pairs: dict[tuple[str, str], float]
+    accepted: float
     _problem: "_Problem | None" = field(repr=False)
+
+    @property
+    def worst(self) -> Move | None:
+        """The largest move, in sigmas."""
+        return max(self.moves, key=lambda move: move.sigmas, default=None)
+
+    @property
+    def strain(self) -> float:
+        """The largest move over what is accepted, and at least 1: the covariance of samples grows by its square."""
+        return max(1.0, self.worst.sigmas / self.accepted) if self.worst else 1.0
 
     def samples(self, rng: np.random.Generator) -> Iterator[Assembly]:
         """Other poses that touch, drawn from what is known, without end.
@@ -71,7 +92,7 @@ class Settled:
         the contacts (Matheron's rule: a draw of all poses, settled onto the same contacts).
         """
         while True:
-            yield self.assembly if self._problem is None else self._problem.drawn(rng)
+            yield self.assembly if self._problem is None else self._problem.drawn(rng, self.strain)
 
 
 def settle(assembly: Assembly) -> Settled:
@@ -81,27 +102,28 @@ def settle(assembly: Assembly) -> Settled:
     decided from the bottom to the top (`contact_choice`). The poses are then the most likely ones at which these
     contacts hold and nothing overlaps (`belief.most_likely`).
 
-    Errors of an object are accepted up to three sigma for the scene as a whole: the largest of all coordinates of all
-    objects is beyond it in 0.27 % of scenes (3.5 sigma for one object, 4.3 for thirty).
+    Errors are likely up to three sigma for the scene as a whole: the largest of all coordinates of all objects is
+    beyond it in 0.27 % of scenes (3.5 sigma for one object, 4.3 for thirty). Up to twice that are settled, too, with
+    samples that spread as much farther.
 
     Raises:
-        InputError: FLOATING for an object with nothing under it within three sigma, naming what is nearest;
-            INTERPENETRATION for objects that overlap by more than that explains.
+        InputError: FLOATING for an object with nothing under it that errors of three sigma explain, naming what is
+            nearest; FLOATING or INTERPENETRATION, naming the pair, where an object would have to move too far.
     """
     if not any(_uncertain(item) for item in assembly.objects):
-        return Settled(assembly, assembly, (), {}, None)
+        return Settled(assembly, assembly, (), {}, 0.0, None)
     problem = _Problem(assembly)
     poses = problem.settled(problem.choice, problem.bodies)
     moves = _moves(problem, poses)
-    worst = max(moves, key=lambda move: move.sigmas, default=None)
-    if worst is not None and worst.sigmas > problem.limit:
+    worst = max(moves, key=lambda move: move.sigmas)
+    if worst.sigmas > _MOST_STRAIN * problem.limit:
         raise problem.refusal(worst)
     pairs = {}
     for number, chance in problem.choice.chances.items():
-        if 0.02 < chance < 0.98:
+        if 0.02 < chance < 0.98 and not problem.candidates.in_line[number]:
             places = problem.candidates.first[number], problem.candidates.second[number]
             pairs[assembly.objects[places[0]].id, assembly.objects[places[1]].id] = chance
-    return Settled(problem.placed(poses), assembly, moves, pairs, problem)
+    return Settled(problem.placed(poses), assembly, moves, pairs, problem.limit, problem)
 
 
 class _Problem:
@@ -132,30 +154,31 @@ class _Problem:
 
     def settled(self, choice: Choice, bodies: SeenBodies) -> Pose:
         """The most likely poses at which these contacts hold, of bodies seen at other poses than here, too."""
-        contacts = self._rows(choice.contacts)
+        contacts, fixed = self._rows(choice.contacts), self._rows(choice.rows)
         none = DistanceRows.joined([])
-        poses = most_likely(bodies, self.bodies.poses, contacts, none, np.zeros(0), np.zeros(0), 2)
+        poses = most_likely(bodies, self.bodies.poses, fixed, none, np.zeros(0), np.zeros(0), _COARSE)
         beside = self._rows(choice.beside)
         touching = {
             (min(pair), max(pair)) for pair in zip(contacts.first.tolist(), contacts.second.tolist(), strict=True)
         }
-        parted = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching)
-        bounds, slack = (
-            np.repeat(values, [len(beside), len(parted)]) for values in ([_APART, 0.0], [_YIELDS, _OVERLAPS])
-        )
-        return most_likely(bodies, poses, contacts, DistanceRows.joined([beside, parted]), bounds, slack, 4)
+        parted = none
+        for round_ in range(_ROUNDS):
+            more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching)
+            if round_ and np.all(more.linearised(poses)[0] > -_OVERLAPPING):
+                break
+            parted = DistanceRows.joined([parted, more])
+            bounds, slack = (
+                np.repeat(values, [len(beside), len(parted)]) for values in ([_APART, 0.0], [_YIELDS, _OVERLAPS])
+            )
+            poses = most_likely(bodies, poses, fixed, DistanceRows.joined([beside, parted]), bounds, slack, _FINE)
+        return poses
 
-    def drawn(self, rng: np.random.Generator) -> Assembly:
+    def drawn(self, rng: np.random.Generator, strain: float) -> Assembly:
         """The assembly at poses drawn from what is known."""
         choice = self.chosen(rng) if self.choice.chances else self.choice
-        steps = np.einsum("mij,mj->mi", self._roots, rng.normal(size=(self.bodies.count, 6)))
+        steps = strain * np.einsum("mij,mj->mi", self.bodies.roots, rng.normal(size=(self.bodies.count, 6)))
         bodies = replace(self.bodies, poses=self.bodies.stepped(self.bodies.poses, steps.ravel()))
         return self.placed(self.settled(choice, bodies))
-
-    @cached_property
-    def _roots(self) -> Array:
-        values, axes = np.linalg.eigh(self.bodies.covariance)
-        return np.asarray(axes * np.sqrt(np.maximum(values, 0.0))[:, None])
 
     def placed(self, poses: Pose) -> Assembly:
         """The assembly at other poses, which are no longer uncertain."""
@@ -171,10 +194,15 @@ class _Problem:
         return DistanceRows.joined([self.candidates.of(number) for number in numbers])
 
     def _not_held(self) -> list[int]:
-        """Places of bodies that may move and have no contact."""
-        ends = [(self.candidates.first[number], self.candidates.second[number]) for number in self.choice.contacts]
-        held = {int(place) for pair in ends for place in pair}
-        return [place for place in np.flatnonzero(self.bodies.slot >= 0).tolist() if place not in held]
+        """Places of bodies that may move and that no contacts lead from to one that may not."""
+        held = self.bodies.slot < 0
+        ends = np.array([(self.candidates.first[n], self.candidates.second[n]) for n in self.choice.contacts])
+        for _ in ends:
+            reached = held[ends].any(axis=1)
+            if held[ends[reached]].all():
+                break
+            held[ends[reached]] = True
+        return np.flatnonzero(~held).tolist()
 
     def _hold_by_edges(self) -> None:
         """Let bodies without a flat face on another one stand on edges, corners and round sides.
@@ -199,7 +227,8 @@ class _Problem:
         rows = DistanceRows.joined([contacts, parted])
         lacking = -rows.linearised(self.bodies.poses)[0]
         lacking[len(contacts) :] = np.maximum(lacking[len(contacts) :], 0.0)
-        return moved_too_far(self.assembly.objects, self.bodies, rows, lacking, (move.id, move.sigmas), self.limit)
+        accepted = _MOST_STRAIN * self.limit
+        return moved_too_far(self.assembly.objects, self.bodies, rows, lacking, (move.id, move.sigmas), accepted)
 
 
 def _uncertain(item: RigidObject) -> bool:
@@ -213,7 +242,7 @@ def _moves(problem: _Problem, poses: Pose) -> tuple[Move, ...]:
         slot = int(problem.bodies.slot[place])
         if slot >= 0:
             values, axes = np.linalg.eigh(problem.bodies.covariance[slot])
-            deviations = np.sqrt(np.maximum(values, 1e-18))
+            deviations = np.sqrt(np.maximum(values, _KNOWN**2))
             sigmas = float(np.max(np.abs(axes.T @ steps[place]) / deviations))
             moves.append(Move(item.id, steps[place, :3], steps[place, 3:], sigmas))
     return tuple(moves)
