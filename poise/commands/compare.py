@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.mismatch import DeadlineOption, as_json, read_with_warnings
+from poise.commands.mismatch import SearchDeadlineOption, as_json, read_with_warnings
 from poise.commands.output import JsonOption, console, progress_bar, refuse_folder, write_json
 from poise.mismatch.answer import Quantity
 from poise.mismatch.comparing import Change, Comparison
@@ -34,7 +34,7 @@ def compare(
     a: _FirstArgument,
     b: _SecondArgument,
     model: _ModelOption = None,
-    deadline: DeadlineOption = math.inf,
+    deadline: SearchDeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify what changed from one recording of a robot to another.

@@ -77,7 +77,7 @@ SeparateOption = Annotated[
 ]
 
 
-DeadlineOption = Annotated[
+SearchDeadlineOption = Annotated[
     float,
     typer.Option(
         "--deadline",
@@ -98,7 +98,7 @@ def mismatch(
     export: ExportModelOption = None,
     into: IntoOption = None,
     payload_link: PayloadLinkOption = None,
-    deadline: DeadlineOption = math.inf,
+    deadline: SearchDeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.

@@ -6,6 +6,7 @@ import assembly_scenes as scenes
 import numpy as np
 import pytest
 
+from benchmarks.perceived import KINDS, PerceivedTally, clean_scenes, compare
 from poise.assembly import Analysis, Assembly, Box, FrictionPair, Mesh, Push, assess, assess_settled, settle
 from poise.assembly.contact import Structure
 from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
@@ -238,6 +239,15 @@ def test_cartons_of_one_size_are_stacked_in_line_and_others_are_not_moved():
     large, small = scenes.box("l", (0.2, 0.2, 0.1), (0, 0, 0.05)), scenes.box("s", (0.15, 0.15, 0.1), (0.001, 0, 0.15))
     (_, move) = settle(uncertain(scenes.on_floor(large, small))).moves
     np.testing.assert_allclose(move.translation, 0, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_slice_of_the_benchmark_is_answered_near_the_truth(kind):
+    rng, tally = np.random.default_rng(11), PerceivedTally()
+    for clean, _ in zip(clean_scenes(kind, rng), range(2), strict=False):
+        compare(clean, rng, "gauss", 0, tally)
+    assert tally.answered == tally.scenes == 2
+    assert np.median(tally.errors) < 0.1
 
 
 def test_errors_of_contacts_that_follow_from_others_do_not_move_bodies_far():

@@ -131,12 +131,7 @@ def compare(
     a, b = with_common_efforts([a, b])
     stages = _Stages(model, deadline, progress)
     matched = align(b, a)
-    if not _same_path(matched):
-        raise NoAnswerError(
-            ErrorCode.NOT_IDENTIFIABLE,
-            f"compare: only {matched.share:.0%} of B's motion is also in A, and {_SHARED:.0%} and {_LEAST:g} s are"
-            " needed: record the same motion twice, or diagnose each recording with `poise mismatch`",
-        )
+    _check_same_path(matched)
     skew = matched.rate if _SKEW < abs(matched.rate - 1.0) < _ALIKE else 1.0
     if skew != 1.0:
         on_a = with_motion_of(b, a, matched.reversed())
@@ -199,6 +194,15 @@ def _same_path(matched: Alignment) -> bool:
     near = (matched.distance < _NEAR)[matched.moving]
     seconds = len(near) * float(np.median(np.diff(matched.seconds))) if len(near) else 0.0
     return seconds >= _LEAST and matched.share * near.mean() >= _SHARED
+
+
+def _check_same_path(matched: Alignment) -> None:
+    if not _same_path(matched):
+        raise NoAnswerError(
+            ErrorCode.NOT_IDENTIFIABLE,
+            f"compare: only {matched.share:.0%} of B's motion is also in A, and {_SHARED:.0%} and {_LEAST:g} s are"
+            " needed: record the same motion twice, or diagnose each recording with `poise mismatch`",
+        )
 
 
 def _same_speed(matched: Alignment) -> bool:
