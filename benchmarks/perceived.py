@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Assembly, Box, Cylinder, Push, RigidObject, assess, assess_settled, settle
+from poise.assembly.robustness import carried
 from poise.assembly.scene import pose_covariance_of, with_pose_covariance
 from poise.errors import PoiseError
 from poise.geometry import Pose, rotation_about, rotation_of_vector
@@ -42,7 +43,7 @@ def _edge(rng: np.random.Generator) -> Array:
     return np.asarray(rng.choice([-1.0, 1.0], size=6) * rng.uniform(2.5, 3.0, size=6))
 
 
-def _shared(rng: np.random.Generator) -> Array:
+def _mixed(rng: np.random.Generator) -> Array:
     return np.asarray(rng.normal(size=6) * rng.choice([0.3, 1.38]))
 
 
@@ -50,7 +51,7 @@ NOISE: dict[str, Callable[[np.random.Generator], Array]] = {
     "gauss": _gauss,
     "heavy": _heavy,
     "edge": _edge,
-    "mixed": _shared,
+    "mixed": _mixed,
 }
 """Errors of six coordinates in standard deviations: as stated; Student's t with three degrees of freedom and the same
 variance; each coordinate 2.5 to 3 sigma off; and objects seen well beside objects seen badly."""
@@ -203,7 +204,7 @@ def compare(clean: Assembly, rng: np.random.Generator, noise: str, samples: int,
     """Add one scene to a tally."""
     noisy, truth_pushes = seen(clean, rng, noise), random_pushes(clean, rng)
     truth = assess(clean, truth_pushes).results
-    moved = _moved(truth_pushes, clean, noisy)
+    moved = carried(truth_pushes, clean, noisy)
     tally.scenes += 1
     with contextlib.suppress(PoiseError):
         tally.rival += assess(noisy, moved).stable
@@ -227,16 +228,6 @@ def compare(clean: Assembly, rng: np.random.Generator, noise: str, samples: int,
         if samples:
             tally.inside.append(bool(low <= true.robustness <= high))
             tally.widths.append((high - low) / true.robustness)
-
-
-def _moved(pushes: list[Push], clean: Assembly, noisy: Assembly) -> list[Push]:
-    """Pushes on the same points of the objects where these are seen."""
-    moved = []
-    for push in pushes:
-        place = clean.place_of(push.object)
-        local = clean.objects[place].pose.undo(np.asarray(push.point))
-        moved.append(replace(push, point=noisy.objects[place].pose.apply(local)))
-    return moved
 
 
 def settling_time(seed: int, repeats: int = 10) -> str:

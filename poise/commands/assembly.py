@@ -106,7 +106,7 @@ def robustness(
     write_json(json_target, content | settled_json(settled, found))
     print_moves(settled, json_target)
     _print_assessment(found, pushes, json_target)
-    moved = [first_of(question) for question in carried(settled, pushes, settled.assembly)]
+    moved = [first_of(question) for question in carried(pushes, settled.seen, settled.assembly)]
     draw_pushes(analysis, moved, found.settled, picture, rerun, json_target)
     if not (found.settled.stable or found.settled.doubtful):
         raise unstable(found.settled.falling, found.settled.margin)

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from poise.commands.output import finding_json
 from poise.errors import NoAnswerError
 from poise.inertia.model import EstimateFinding
 from poise.inertia.pipeline import Identification, recorded_gravity
@@ -119,10 +120,7 @@ def _repaired(
 
 def findings_json(findings: Sequence[EstimateFinding]) -> list[dict[str, Any]]:
     """One entry for each."""
-    return [
-        {"code": int(each.code), "name": each.code.name, "sentence": each.message, "evidence": dict(each.evidence)}
-        for each in findings
-    ]
+    return [finding_json(each.code, each.message, each.evidence) for each in findings]
 
 
 def fit_json(fit: FitVerdict) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -99,6 +99,11 @@ def refuse_folder(target: str | None, option: str) -> None:
 def number_for_json(value: float) -> float | str:
     """JSON has no infinity: the contract writes it as a word."""
     return float(value) if math.isfinite(value) else "inf" if value > 0 else "-inf"
+
+
+def finding_json(code: ErrorCode, sentence: str, evidence: Mapping[str, float]) -> dict[str, Any]:
+    """A finding as the contract writes it."""
+    return {"code": int(code), "name": code.name, "sentence": sentence, "evidence": dict(evidence)}
 
 
 def add_scene(written: list[Path], write: Callable[[], Path]) -> list[Path]:

@@ -76,7 +76,7 @@ def assess_settled(
     """
     clock = Deadline.after(deadline)
     analysis = analysis or Analysis.of(scene.assembly)
-    at_settled = assess(analysis, carried(scene, pushes, scene.assembly), model, deadline)
+    at_settled = assess(analysis, carried(pushes, scene.seen, scene.assembly), model, deadline)
     ends = [(result.lower, result.upper) for result in at_settled.results]
     if not (scene.moves or _varies(scene.assembly)) or not at_settled.stable:
         samples = 0
@@ -103,21 +103,21 @@ def _assessed(
 ) -> Assessment | None:
     """Answers about a sample; None where it overlaps too much, no solver answered, or time ran out."""
     try:
-        found = assess(Analysis.of(sample), carried(scene, pushes, sample), model, clock.remaining)
+        found = assess(Analysis.of(sample), carried(pushes, scene.seen, sample), model, clock.remaining)
     except PoiseError:
         return None
     return None if found.doubtful else found
 
 
-def carried(scene: Settled, pushes: Sequence[Push | Sequence[Push]], assembly: Assembly) -> list[Push | list[Push]]:
-    """Pushes whose points have moved with the objects, from where these were seen to where they are in an assembly."""
+def carried(pushes: Sequence[Push | Sequence[Push]], before: Assembly, now: Assembly) -> list[Push | list[Push]]:
+    """Pushes whose points have moved with the objects, from where these were to where they are now."""
 
     def one(push: Push) -> Push:
-        place = scene.seen.index.get(push.object)
+        place = before.index.get(push.object)
         if place is None:
             return push
-        before, now = scene.seen.objects[place].pose, assembly.objects[place].pose
-        return replace(push, point=now.apply(before.undo(np.asarray(push.point, dtype=np.float64))))
+        local = before.objects[place].pose.undo(np.asarray(push.point, dtype=np.float64))
+        return replace(push, point=now.objects[place].pose.apply(local))
 
     return [one(entry) if isinstance(entry, Push) else [one(push) for push in entry] for entry in pushes]
 

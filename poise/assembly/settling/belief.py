@@ -21,6 +21,8 @@ _FIT = 1e-4
 distances of contacts that follow from others disagree by some hundredths of a millimetre."""
 _KNOWN = 4e-4
 """m, one sigma of distances that follow from others."""
+_EXACT = 1e-6
+"""m and rad, one sigma of what is known exactly."""
 _REACH = 4e-3
 """m: distances that are larger than their bound by more than this are not looked at in one iteration."""
 
@@ -57,8 +59,19 @@ class SeenBodies:
     @cached_property
     def roots(self) -> Array:
         """(M, 6, 6) of the covariances: columns are the independent errors, one sigma each."""
-        values, axes = np.linalg.eigh(self.covariance)
-        return np.asarray(axes * np.sqrt(np.maximum(values, 0.0))[:, None])
+        variances, axes = self._independent
+        return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0))[:, None])
+
+    @cached_property
+    def _independent(self) -> tuple[Array, Array]:
+        """(M, 6) variances of the independent errors, and (M, 6, 6) their directions, as columns."""
+        return np.linalg.eigh(self.covariance)
+
+    def sigmas(self, steps: Array) -> Array:
+        """(N,) the largest of the independent errors in steps (N, 6), in standard deviations; of all that may move."""
+        variances, axes = self._independent
+        errors = np.einsum("nij,ni->nj", axes[self.slot], steps) / np.sqrt(np.maximum(variances, _EXACT**2))[self.slot]
+        return np.where(self.slot >= 0, np.abs(errors).max(axis=1), 0.0)
 
     def jacobian(self, rows: DistanceRows, poses: Pose) -> tuple[Array, Array]:
         """Distances (R,) and their derivatives (R, 6 M)."""

@@ -38,9 +38,20 @@ class Candidates:
     narrow: Mask
     in_line: Mask
 
-    def of(self, number: int) -> DistanceRows:
-        """The rows of one candidate."""
-        return self.rows[np.arange(POINTS * number, POINTS * (number + 1))]
+    @classmethod
+    def unmarked(cls, rows: DistanceRows, normal: Array) -> "Candidates":
+        """Contacts that are not narrow."""
+        none = np.zeros(len(normal), dtype=bool)
+        return cls(rows, normal, none, none)
+
+    def of(self, *numbers: int) -> DistanceRows:
+        """The rows of some candidates, in their order."""
+        places = POINTS * np.array(numbers, dtype=np.int64)
+        return self.rows[(places[:, None] + np.arange(POINTS)).ravel()]
+
+    def pair(self, number: int) -> tuple[int, int]:
+        """The places of the first and of the second body."""
+        return int(self.first[number]), int(self.second[number])
 
     def and_also(self, others: "Candidates") -> "Candidates":
         """These and others."""
@@ -109,8 +120,7 @@ def _over_faces(
     planes = [np.repeat(value, POINTS, axis=0) for value in (normal, origin)]
     rows = DistanceRows(every[0], every[1], planes[0], planes[1], points.reshape(-1, 3), np.zeros(len(every[0])))
     outward = np.einsum("cij,cj->ci", bodies.poses.rotation[first], normal)
-    none = np.zeros(len(first), dtype=bool)
-    return Candidates(rows, outward, none, none)
+    return Candidates.unmarked(rows, outward)
 
 
 def edges_and_points(
@@ -134,9 +144,7 @@ def edges_and_points(
             normals.append(patch.normal)
     if not parts:
         return None
-    none = np.zeros(len(parts), dtype=bool)
-    found = Candidates(DistanceRows.joined(parts), np.array(normals), none, none)
-    return _explained(found, bodies, sigmas)
+    return _explained(Candidates.unmarked(DistanceRows.joined(parts), np.array(normals)), bodies, sigmas)
 
 
 def _explained(found: Candidates, bodies: SeenBodies, sigmas: float) -> Candidates:
@@ -181,8 +189,7 @@ def _of_round_sides(
                     normals.append(other.pose.rotation @ facets.normals[facet])
     if not parts:
         return None
-    none = np.zeros(len(parts), dtype=bool)
-    return Candidates(DistanceRows.joined(parts), np.array(normals), none, none)
+    return Candidates.unmarked(DistanceRows.joined(parts), np.array(normals))
 
 
 def _line(

@@ -83,14 +83,10 @@ def choose(
     sides = np.flatnonzero(~carries & ~candidates.in_line & ~candidates.narrow)
     touching, beside, chances = _likely(belief, candidates, sides, rng)
     contacts += touching
-    pairs = {_pair(candidates, number) for number in contacts}
-    numbers = [number for number in np.flatnonzero(candidates.in_line).tolist() if _pair(candidates, number) in pairs]
+    pairs = {candidates.pair(number) for number in contacts}
+    numbers = [number for number in np.flatnonzero(candidates.in_line).tolist() if candidates.pair(number) in pairs]
     chances |= _likely(belief, candidates, np.array(numbers, dtype=np.int64), rng)[2]
     return Choice(tuple(contacts), tuple(belief.accepted), tuple(beside), resting, chances)
-
-
-def _pair(candidates: Candidates, number: int) -> tuple[int, int]:
-    return int(candidates.first[number]), int(candidates.second[number])
 
 
 def _resting_on(belief: Belief, numbers: Indices) -> list[int]:
@@ -155,7 +151,7 @@ def _chance(belief: Belief, number: int, in_line: bool) -> float:
         odds += -(gap**2) / (2 * variance) - float(np.log(max(apart, 1e-30) * std * np.sqrt(2 * np.pi)))
     else:
         odds += _SURE if abs(gap) < CONTACT_MARGIN else -_SURE
-    return float(1 / (1 + np.exp(-np.clip(odds, -50, 50))))
+    return float(1 / (1 + np.exp(-np.clip(odds, -_SURE, _SURE))))
 
 
 def _square(mean: Array, covariance: Array) -> float:

@@ -22,8 +22,6 @@ _THREE_SIGMA = 0.0027
 """Probability beyond three sigma."""
 _APART = CONTACT_MARGIN + 2e-4
 """m between neighbours that do not touch."""
-_KNOWN = 1e-6
-"""m and rad, one sigma of what is known exactly."""
 _MOST_STRAIN = 2.0
 """Largest move over what is likely."""
 _YIELDS = 3e-4
@@ -121,8 +119,8 @@ def settle(assembly: Assembly) -> Settled:
     pairs = {}
     for number, chance in problem.choice.chances.items():
         if 0.02 < chance < 0.98 and not problem.candidates.in_line[number]:
-            places = problem.candidates.first[number], problem.candidates.second[number]
-            pairs[assembly.objects[places[0]].id, assembly.objects[places[1]].id] = chance
+            first, second = problem.candidates.pair(number)
+            pairs[assembly.objects[first].id, assembly.objects[second].id] = chance
     return Settled(problem.placed(poses), assembly, moves, pairs, problem.limit, problem)
 
 
@@ -154,13 +152,10 @@ class _Problem:
 
     def settled(self, choice: Choice, bodies: SeenBodies) -> Pose:
         """The most likely poses at which these contacts hold, of bodies seen at other poses than here, too."""
-        contacts, fixed = self._rows(choice.contacts), self._rows(choice.rows)
+        fixed, beside = self.candidates.of(*choice.rows), self.candidates.of(*choice.beside)
         none = DistanceRows.joined([])
         poses = most_likely(bodies, self.bodies.poses, fixed, none, np.zeros(0), np.zeros(0), _COARSE)
-        beside = self._rows(choice.beside)
-        touching = {
-            (min(pair), max(pair)) for pair in zip(contacts.first.tolist(), contacts.second.tolist(), strict=True)
-        }
+        touching = {(min(pair), max(pair)) for pair in map(self.candidates.pair, choice.contacts)}
         parted = none
         for round_ in range(_ROUNDS):
             more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching)
@@ -190,13 +185,10 @@ class _Problem:
         ]
         return replace(self.assembly, objects=tuple(objects))
 
-    def _rows(self, numbers: tuple[int, ...]) -> DistanceRows:
-        return DistanceRows.joined([self.candidates.of(number) for number in numbers])
-
     def _not_held(self) -> list[int]:
         """Places of bodies that may move and that no contacts lead from to one that may not."""
         held = self.bodies.slot < 0
-        ends = np.array([(self.candidates.first[n], self.candidates.second[n]) for n in self.choice.contacts])
+        ends = np.array([self.candidates.pair(number) for number in self.choice.contacts])
         for _ in ends:
             reached = held[ends].any(axis=1)
             if held[ends[reached]].all():
@@ -222,7 +214,7 @@ class _Problem:
 
     def refusal(self, move: Move) -> InputError:
         """The error for an object that would have to move too far."""
-        contacts = self._rows(self.choice.contacts)
+        contacts = self.candidates.of(*self.choice.contacts)
         parted = keep_apart(self.assembly.objects, self.bodies.poses, self.bodies.slot >= 0, _APART, set())
         rows = DistanceRows.joined([contacts, parted])
         lacking = -rows.linearised(self.bodies.poses)[0]
@@ -237,12 +229,8 @@ def _uncertain(item: RigidObject) -> bool:
 
 def _moves(problem: _Problem, poses: Pose) -> tuple[Move, ...]:
     steps = steps_between(problem.bodies.poses, poses)
-    moves = []
-    for place, item in enumerate(problem.assembly.objects):
-        slot = int(problem.bodies.slot[place])
-        if slot >= 0:
-            values, axes = np.linalg.eigh(problem.bodies.covariance[slot])
-            deviations = np.sqrt(np.maximum(values, _KNOWN**2))
-            sigmas = float(np.max(np.abs(axes.T @ steps[place]) / deviations))
-            moves.append(Move(item.id, steps[place, :3], steps[place, 3:], sigmas))
-    return tuple(moves)
+    sigmas = problem.bodies.sigmas(steps)
+    return tuple(
+        Move(problem.assembly.objects[place].id, steps[place, :3], steps[place, 3:], float(sigmas[place]))
+        for place in np.flatnonzero(problem.bodies.slot >= 0).tolist()
+    )
