@@ -65,6 +65,7 @@ ROS_REQUIRES = [
 ]
 SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmarks/concealed records with
 BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
+USD_REQUIRES = ["usd-core>=24.11"]  # meshes in USD files
 VISION_REQUIRES = ["opencv-python-headless>=4.8"]  # finds printed boards
 
 
@@ -188,6 +189,7 @@ setup(
         "sim": SIM_REQUIRES,
         "baselines": BASELINE_REQUIRES,
         "vision": VISION_REQUIRES,
+        "usd": USD_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -205,6 +207,7 @@ setup(
             *SIM_REQUIRES,
             *BASELINE_REQUIRES,
             *VISION_REQUIRES,
+            *USD_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },

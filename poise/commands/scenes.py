@@ -6,12 +6,20 @@ from typing import Annotated
 
 import typer
 
-from poise.assembly import Analysis, Settled, load_scene, settle
+from poise.assembly import Analysis, Settled, settle
 from poise.assembly.scene import with_pose_covariance
 from poise.commands.output import warn
 from poise.commands.settling import read_pose_std, warn_of_moves
+from poise.worlds import read_world
 
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
+SceneArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCENE",
+        help="A scene file (YAML), or a world in SDFormat, MJCF, URDF or of MoveIt.",
+        show_default=False,
+    ),
+]
 
 
 def open_scene(path: Path, pose_std: str | None = None) -> Analysis:
@@ -27,10 +35,10 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
     """The scene in a file, settled if its poses are uncertain, by themselves or by the words of `--pose-std`.
 
     Raises:
-        InputError: as `load_scene` and `settle`; INTERPENETRATION, FLOATING.
+        InputError: as `read_world` and `settle`; INTERPENETRATION, FLOATING.
     """
-    assembly = load_scene(path)
-    for note in assembly.notes:
+    assembly, notes = read_world(path)
+    for note in (*notes, *assembly.notes):
         warn(note)
     if pose_std is not None:
         objects = with_pose_covariance(assembly.objects, read_pose_std(pose_std))
