@@ -9,7 +9,9 @@ import yaml
 from rich.table import Table
 
 from poise.assembly import Assembly
+from poise.assembly.scene import scene_findings
 from poise.commands.output import JsonOption, console, refuse_folder, warn, write_json
+from poise.commands.scenes import scene_findings_json
 from poise.errors import ErrorCode, InputError
 from poise.ranges import check_range
 from poise.worlds import read_world, save_scene, write_world
@@ -70,7 +72,7 @@ def scene(
         save_scene(assembly, output)
     elif output is not None:
         lost = write_world(assembly, output)
-    for note in notes:
+    for note in (*notes, *(found.sentence for found in scene_findings(assembly))):
         warn(note)
     for each in lost:
         warn(f"not written: {each}")
@@ -101,7 +103,13 @@ def _content(assembly: Assembly, notes: tuple[str, ...], lost: tuple[str, ...]) 
         }
         for item in assembly.objects
     ]
-    return {"objects": objects, "friction": assembly.friction, "notes": list(notes), "not_written": list(lost)}
+    return {
+        "objects": objects,
+        "friction": assembly.friction,
+        "notes": list(notes),
+        "not_written": list(lost),
+        "findings": scene_findings_json(assembly),
+    }
 
 
 def _table(assembly: Assembly) -> Table:

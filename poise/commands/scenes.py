@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from poise.assembly import Analysis, Settled, settle
-from poise.assembly.scene import with_pose_covariance
-from poise.commands.output import warn
+from poise.assembly import Analysis, Assembly, Settled, settle
+from poise.assembly.scene import scene_findings, with_pose_covariance
+from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
+from poise.errors import ErrorCode
 from poise.worlds import read_world
 
 SceneArgument = Annotated[
@@ -38,7 +39,7 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
         InputError: as `read_world` and `settle`; INTERPENETRATION, FLOATING.
     """
     assembly, notes = read_world(path)
-    for note in (*notes, *assembly.notes):
+    for note in (*notes, *assembly.notes, *(found.sentence for found in scene_findings(assembly))):
         warn(note)
     if pose_std is not None:
         objects = with_pose_covariance(assembly.objects, read_pose_std(pose_std))
@@ -46,3 +47,8 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
     settled = settle(assembly)
     warn_of_moves(settled)
     return settled
+
+
+def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:
+    """What is probably wrong in a scene, as the contract writes findings."""
+    return [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in scene_findings(assembly)]
