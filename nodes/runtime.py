@@ -143,6 +143,11 @@ def topic_hint(node: Node, topic: str, kind: str) -> str:
     name, there = node.resolve_topic_name(topic), dict(node.get_topic_names_and_types())
     if others := [other for other in there.get(name, ()) if other != kind]:
         return f"; {name} carries {', '.join(others)}, not {kind}"
+    if node.count_publishers(topic):
+        return (
+            f"; {name} has a publisher, of which nothing arrives: it is silent, or Fast DDS holds shared memory of a "
+            "process that was killed: start this node again"
+        )
     if elsewhere := sorted(other for other, kinds in there.items() if kind in kinds and other != name):
         return f"; {kind} is on {', '.join(elsewhere)}: remap {topic} to it"
     return ""
