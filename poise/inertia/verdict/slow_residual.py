@@ -72,14 +72,16 @@ class SlowResidual:
         used: (B,) bins that were not rejected.
     """
 
+    # design: (B, 6, 16) of phi and bias. load: (B, 6) of the payload. residual: (B, 6), N and N m.
+
     def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
         self.fit = fit
         self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
         bins = np.floor(samples.seconds[used] / _SLOW)
         self.samples = samples.delayed(fit.delay).select(used).averaged(bins)
-        self._design = signal_columns(self.samples.signals)
-        self.load = self._design[:, :, :10] @ self.unknowns[:10]
-        self.residual = self.samples.wrench - self._design @ self.unknowns
+        self.design = signal_columns(self.samples.signals)
+        self.load = self.design[:, :, :10] @ self.unknowns[:10]
+        self.residual = self.samples.wrench - self.design @ self.unknowns
 
     @cached_property
     def scale(self) -> Array:
@@ -95,16 +97,26 @@ class SlowResidual:
         per_sample = np.array([self.fit.noise.force, self.fit.noise.torque]) * np.sqrt(3.0)
         return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.samples.counts)))
 
+    @property
+    def white_levels(self) -> Array:
+        """(6,) standard deviation of the averages that a sample's white noise makes, at least."""
+        per_sample = np.repeat([self.fit.noise.force, self.fit.noise.torque], 3)
+        return np.asarray(per_sample / np.sqrt(self.samples.counts.max()))
+
     @cached_property
     def _levels(self) -> Array:
-        """(6,) standard deviation of the averages, not less than that of a sample's white noise."""
-        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.samples.counts.max())
-        return np.repeat(np.maximum(sizes(self.residual) / np.sqrt(3.0), least), 3)
+        """(6,) standard deviation of the averages."""
+        return np.asarray(np.maximum(np.repeat(sizes(self.residual) / np.sqrt(3.0), 3), self.white_levels))
+
+    @property
+    def known(self) -> Array:
+        """(10, 10) information that the estimate has about phi."""
+        return np.asarray(np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)))
 
     @cached_property
     def _columns(self) -> Array:
         """(B, 6, 16) of the unknowns, in units of the levels."""
-        return self._design / self._levels[:, None]
+        return self.design / self._levels[:, None]
 
     def halves(self) -> Array:
         """(2,) by how much the loads that the halves of the samples show differ, rms over all samples."""
@@ -115,7 +127,7 @@ class SlowResidual:
             np.linalg.lstsq(block + ridge, score, rcond=1e-12)[0]
             for block, score in zip(information, scores, strict=True)
         ]
-        return sizes(self._design @ (steps[1] - steps[0]))
+        return sizes(self.design @ (steps[1] - steps[0]))
 
     def blocks(self, number: int) -> tuple[Array, Array]:
         """(K, 16, 16) information and (K, 16) score, the gradient at the fit, of blocks of the recording in time."""
@@ -139,7 +151,7 @@ class SlowResidual:
     @cached_property
     def _stays(self) -> Array:
         """(10, 10) information that keeps what the samples do not show of the payload."""
-        return np.asarray(np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-6)
+        return self.known * 1e-6
 
     @cached_property
     def _step(self) -> Array:
@@ -168,7 +180,7 @@ class SlowResidual:
     @cached_property
     def lever(self) -> Extension:
         """(3,) kg m: the first moment that the force shows, less that which the torque shows."""
-        columns = self._design[:, :, 1:4].copy()
+        columns = self.design[:, :, 1:4].copy()
         columns[:, 3:] = 0.0
         return self.extended(columns, np.full(3, max(abs(float(self.unknowns[0])), 1e-3)))
 
