@@ -18,7 +18,7 @@ from poise.inertia.model import (
 from poise.inertia.verdict.calibration import Calibration, calibration_of
 from poise.inertia.verdict.clipping import ExtremeReadings
 from poise.inertia.verdict.samples import FitSamples
-from poise.inertia.verdict.slow_residual import LEVER, PARTS, Fit, SlowResidual, sizes
+from poise.inertia.verdict.slow_residual import LEVER, PARTS, Extension, Fit, SlowResidual, sizes
 from poise.types import Array
 
 _LEAST_BINS = 20
@@ -257,9 +257,18 @@ def _widened(fit: Fit, slow: SlowResidual) -> Array | None:
         is_seen = np.sum((extension.values / np.maximum(extension.deviations, 1e-12)) ** 2) > _SHIFTED
         if is_seen and np.sum(np.linalg.solve(root, shift) ** 2) > _SHIFTED:
             widened += np.outer(shift, shift)
+    if slow.filtered is not None:
+        widened += _of_filter(slow.filtered)[np.ix_(seen, seen)]
     result = fit.covariance.copy()
     result[np.ix_(seen, seen)] = widened
     return result
+
+
+def _of_filter(found: Extension) -> Array:
+    """(10, 10) covariance of phi, because the wrench may be late by a filter, which attenuates it, or by its clock."""
+    value, spread = float(found.values[0]), float(found.deviations[0])
+    squares = 1.0 + (spread / value) ** 2 if value else 1.0
+    return np.asarray(squares * np.outer(found.shift, found.shift))
 
 
 def _regular(covariance: Array) -> Array:

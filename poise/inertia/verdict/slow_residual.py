@@ -22,6 +22,12 @@ _SLOW = 0.1
 _SPREAD = 10.0
 """m/s2: what an error of gravity may be."""
 
+_NOTABLE_DELAY, _LEAST_STEP = 0.005, 0.02
+"""s: a shorter delay attenuates nothing; for the second derivative of the motion."""
+
+_AS_FILTER = 0.5
+"""Prior deviation of the share of a delay that is that of a filter."""
+
 _POSES = 0.3
 """s between samples from which on they are single poses; their differences say nothing about the noise."""
 
@@ -77,11 +83,16 @@ class SlowResidual:
     def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
         self.fit = fit
         self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
-        bins = np.floor(samples.seconds[used] / _SLOW)
-        self.samples = samples.delayed(fit.delay).select(used).averaged(bins)
+        self._given, self._used = samples, used
+        self.samples = self._slow(fit.delay)
         self.design = signal_columns(self.samples.signals)
         self.load = self.design[:, :, :10] @ self.unknowns[:10]
         self.residual = self.samples.wrench - self.design @ self.unknowns
+
+    def _slow(self, delay: float) -> FitSamples:
+        """The averages, with the motion some time (s) before the wrench."""
+        bins = np.floor(self._given.seconds[self._used] / _SLOW)
+        return self._given.delayed(delay).select(self._used).averaged(bins)
 
     @cached_property
     def scale(self) -> Array:
@@ -176,6 +187,20 @@ class SlowResidual:
     def weight(self) -> Extension:
         """(1,) m/s2 upwards in the world, as the weight shows it beside inertial forces."""
         return self.extended(self._by_gravity[:, :, 2:], np.full(1, _SPREAD))
+
+    @cached_property
+    def filtered(self) -> Extension | None:
+        """(1,) 1 where the delay is that of a filter of first order, 0 where a clock is late; None without a delay.
+
+        Beside the delay d, such a filter adds d^2 / 2 times the second derivative of the wrench: it attenuates.
+        """
+        delay = abs(self.fit.delay)
+        if not delay > _NOTABLE_DELAY:
+            return None
+        step = max(delay, _LEAST_STEP)
+        early, late = (self._slow(self.fit.delay + way * step).signals for way in (1.0, -1.0))
+        bend = (early - 2 * self.samples.signals + late) * (delay / step) ** 2 / 2
+        return self.extended((signal_columns(bend)[:, :, :10] @ self.unknowns[:10])[:, :, None], np.full(1, _AS_FILTER))
 
     @cached_property
     def lever(self) -> Extension:
