@@ -102,6 +102,16 @@ def test_a_channel_that_shows_another_one_is_named_with_its_share() -> None:
     assert np.abs(in_sigmas(found, fit)).max() < 3
 
 
+def test_what_one_attitude_does_not_show_is_not_left_unexplained() -> None:
+    """Weight and bias add up to one wrench there: neither of them is known, and both together are."""
+    bins, wrench = SampleBins(GRAVITY), wrenches(motion(), 4)
+    still = SensorMotion.at_rest(motion().stamps, np.tile(motion().rotation_world_sensor[50], (len(wrench), 1, 1)))
+    bins.add(still, wrench[50] + NOISE.wrench * np.random.default_rng(1).normal(size=wrench.shape))
+    nothing = np.full((10, 10), np.nan)
+    found = judge(Fit(np.full(10, np.nan), np.full(6, np.nan), nothing, np.nan, 0.0, NOISE), bins.samples)
+    assert {test.name for test in found.failed}.isdisjoint({"residual_force", "residual_torque"})
+
+
 def drifting(wrench: Array) -> Array:
     return np.asarray(wrench + np.outer(np.linspace(0, 2.0, len(wrench)), [1, 0, 0, 0, 0, 0]))
 

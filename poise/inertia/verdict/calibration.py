@@ -150,7 +150,7 @@ class _Fitted:
 
 def _beyond(known: Array, shown: Array) -> Array:
     """(10, 10) information about phi that an estimate has beside what samples show, for example of a shape."""
-    scale = np.sqrt(np.diag(known).clip(min=1e-300))
+    scale = np.sqrt((np.diag(known) + np.diag(shown)).clip(min=1e-100, max=1e100))
     unit = np.outer(scale, scale)
-    values, axes = np.linalg.eigh((known - shown) / unit)
+    values, axes = np.linalg.eigh(np.clip((known - shown) / unit, -1e12, 1e12))
     return np.asarray((axes * values.clip(min=1e-6)) @ axes.T * unit)

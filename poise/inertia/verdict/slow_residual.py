@@ -82,12 +82,22 @@ class SlowResidual:
 
     def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
         self.fit = fit
-        self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
         self._given, self._used = samples, used
         self.samples = self._slow(fit.delay)
         self.design = signal_columns(self.samples.signals)
+        self.unknowns = self._completed(np.concatenate([fit.phi, fit.bias]))
         self.load = self.design[:, :, :10] @ self.unknowns[:10]
         self.residual = self.samples.wrench - self.design @ self.unknowns
+
+    def _completed(self, unknowns: Array) -> Array:
+        """(16,) with the best of what the samples do not show one by one: their sum may be shown."""
+        open_ones = np.isnan(unknowns)
+        result = np.where(open_ones, 0.0, unknowns)
+        if open_ones.any():
+            columns = self.design[:, :, open_ones].reshape(-1, int(open_ones.sum()))
+            left = self.samples.wrench - self.design @ result
+            result[open_ones] = np.linalg.lstsq(columns, left.ravel(), rcond=1e-9)[0]
+        return np.asarray(result)
 
     def _slow(self, delay: float) -> FitSamples:
         """The averages, with the motion some time (s) before the wrench."""
