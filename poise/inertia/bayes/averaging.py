@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,7 @@ class ModelAverage:
             self.kernel = compiled_search(model, self._guess, self._root, self._unrooted, self._scale, ANY_MASS)
         self.consider()
 
-    @property
+    @cached_property
     def first_phi(self) -> Array:
         """(10,) of the body that the search starts from, in the sensor frame."""
         return np.asarray(self.model.to_sensor @ self.model.evaluate(self._guess[None])[0][0])

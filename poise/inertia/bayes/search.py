@@ -205,10 +205,14 @@ class PosteriorSearch:
         """The means of all blocks against the answer."""
         return MeanCheck(self.found.means, self.blocks.sizes, self.noise)
 
+    @cached_property
+    def distances(self) -> Array:
+        """(B,) of these means from the answer, see `MeanCheck`."""
+        return self.judged.distances(self.posterior.unknowns)
+
     def consistent_part(self) -> ConsistentPart | None:
         """The blocks that one payload explains, if the answer does not explain nearly all; see there."""
-        check, unknowns = self.judged, self.posterior.unknowns
-        distances = check.distances(unknowns)
+        check, unknowns, distances = self.judged, self.posterior.unknowns, self.distances
         if not check.doubted(distances):
             return None
         moments = self.blocks.mixed(self._at_delay)
