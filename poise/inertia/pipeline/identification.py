@@ -21,6 +21,7 @@ from poise.robot import (
     ImuSource,
     Kinematics,
     LiveImu,
+    MotionSource,
     PairingSettings,
     RobotModel,
     find_imu,
@@ -86,7 +87,25 @@ def identify(
     estimator.foreign_wrenches.update(foreign)
     if imu is not None and estimator_named(method).uses_imu:
         estimator.take_imu(imu)
-    return identify_wrenches(wrench, kinematics, estimator, keep_history=keep_history, progress=progress)
+    try:
+        return identify_wrenches(wrench, kinematics, estimator, keep_history=keep_history, progress=progress)
+    except NoAnswerError as error:
+        if (apart := _seconds_apart(wrench, kinematics.source)) <= 0:
+            raise
+        sentence = (
+            f"{recording.path}: wrench and motion do not overlap, {apart:.3g} s lie between them: are their clocks the"
+            " same?"
+        )
+        raise NoAnswerError(error.code, sentence, **error.data) from error
+
+
+def _seconds_apart(wrench: WrenchStream, source: MotionSource) -> float:
+    """From the end of the earlier one of two streams to the begin of the later one; not positive where they overlap."""
+    newest = source.newest
+    moved = source.stamps(0, newest) if newest is not None else wrench.stamps
+    if not len(moved) or not len(wrench):
+        return 0.0
+    return 1e-9 * float(max(wrench.stamps[0] - moved[-1], moved[0] - wrench.stamps[-1]))
 
 
 def identify_wrenches(
