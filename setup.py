@@ -65,6 +65,8 @@ ROS_REQUIRES = [
 ]
 SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmarks/concealed records with
 BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
+# A Dask cluster, files at URLs, and results as Parquet for `poise evaluate`.
+FLEET_REQUIRES = ["distributed>=2024.8", "fsspec>=2024.6", "pyarrow>=15"]
 VISION_REQUIRES = ["opencv-python-headless>=4.8"]  # finds printed boards
 
 
@@ -188,6 +190,7 @@ setup(
         "sim": SIM_REQUIRES,
         "baselines": BASELINE_REQUIRES,
         "vision": VISION_REQUIRES,
+        "fleet": FLEET_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -205,6 +208,7 @@ setup(
             *SIM_REQUIRES,
             *BASELINE_REQUIRES,
             *VISION_REQUIRES,
+            *FLEET_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },

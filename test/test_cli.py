@@ -227,7 +227,7 @@ def test_the_help_of_a_node_does_not_start_it(tmp_path):
         (["identify"], "BAG"),
         (["dance"], "dance"),
         (["evaluate", "nowhere"], "nowhere"),
-        (["evaluate", STATIC], "kuka_static"),
+        (["evaluate", "nowhere/*.mcap"], "nowhere"),
     ],
 )
 def test_bad_input_is_one_line_that_names_it_and_status_2(fails, arguments, named):

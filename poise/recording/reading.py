@@ -116,6 +116,11 @@ class Recording:
         for topic, count in zip(self._topics, found, strict=True):
             self.counts[topic.name] += int(count)
 
+    @property
+    def newest(self) -> int:
+        """The log time of the last message, ns."""
+        return max(int(block.messages["log_time"].max()) for block, _ in self._blocks if len(block.messages))
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
         return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
