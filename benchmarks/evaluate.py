@@ -45,8 +45,11 @@ def children_cpu() -> float:
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
     """The processes that a process started."""
-    path = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    return [int(word) for word in path.read_text().split()] if path.exists() else []
+    try:  # each thread of it has children of its own
+        lists = [path.read_text() for path in Path(f"/proc/{process.pid}/task").glob("*/children")]
+    except OSError:  # it ended meanwhile
+        return []
+    return sorted(int(word) for words in lists for word in words.split())
 
 
 def evaluated(fleet: Path, results: Path, workers: int, kill_every: float = 0.0) -> dict[str, Any]:
@@ -58,8 +61,9 @@ def evaluated(fleet: Path, results: Path, workers: int, kill_every: float = 0.0)
     while process.poll() is None:
         time.sleep(kill_every or 0.05)
         running = workers_of(process)
-        if kill_every and len(running) == workers:
-            os.kill(running[kills % workers], signal.SIGKILL)
+        begun = (results / "journal.jsonl").exists() and (results / "journal.jsonl").read_bytes().count(b"\n") > 1
+        if kill_every and begun and running:
+            os.kill(running[kills % len(running)], signal.SIGKILL)
             kills += 1
     lines = [json.loads(line) for line in (results / "journal.jsonl").read_text().splitlines()[1:]]
     return {
@@ -89,20 +93,30 @@ def loop(fleet: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="100 recordings")
-    count = 100 if parser.parse_args().quick else 1000
+    parser.add_argument("--recordings", type=int, default=1000)
+    parser.add_argument(
+        "--rounds", type=int, default=1, help="runs of one and of two workers in turn; the median counts"
+    )
+    options = parser.parse_args()
+    count = 100 if options.quick else options.recordings
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "fleet").mkdir()
         make_fleet(folder / "fleet", count)
         single = direct(folder / "fleet")
-        one = evaluated(folder / "fleet", folder / "one", 1)
-        two = evaluated(folder / "fleet", folder / "two", 2)
+        ones, twos = [], []
+        for turn in range(options.rounds):
+            ones.append(evaluated(folder / "fleet", folder / f"one_{turn}", 1))
+            twos.append(evaluated(folder / "fleet", folder / f"two_{turn}", 2))
         killed = evaluated(folder / "fleet", folder / "killed", 2, 8.0)
+    one, two = ones[0], twos[0]
+    ratios = [first["wall"] / second["wall"] for first, second in zip(ones, twos, strict=True)]
     print(f"{count} recordings, load of the machine {os.getloadavg()[1]:.1f}")
     print(f"a loop of one's own: {single:.1f} s of CPU, {1e3 * single / count:.1f} ms for a recording")
     for label, found in (("1 worker", one), ("2 workers", two)):
         print(f"{label}: {found['wall']:.1f} s, {found['cpu']:.1f} s of CPU, {found['errors']} errors")
-    print(f"2 workers against 1: {one['wall'] / two['wall']:.2f} x; CPU {two['cpu'] / one['cpu']:.3f} x")
+    worst, middle, best = np.quantile(ratios, (0, 0.5, 1))
+    print(f"2 workers against 1: {middle:.2f} x ({worst:.2f} to {best:.2f}); CPU {two['cpu'] / one['cpu']:.3f} x")
     print(f"overhead for a recording: {1e3 * (one['cpu'] - single) / count:.1f} ms of CPU, start and tables included")
     same = one["answers"] == two["answers"] == killed["answers"]
     print(

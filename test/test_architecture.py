@@ -27,7 +27,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque", "gripping"},
     {"geometry", "kernels", "keystore", "serial_bus"},
-    {"types", "errors", "files", "ranges", "registry"},
+    {"types", "errors", "files", "ranges", "registry", "notebooks"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 

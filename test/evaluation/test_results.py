@@ -9,7 +9,7 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.evaluation import RECORDINGS, Row, add_truths, changes, error_lines, outliers, rows_of, write_tables
-from poise.evaluation.patterns import pettitt
+from poise.evaluation.patterns import change_point
 from poise.viewing import write_evaluation_report
 
 DAY = 86400.0
@@ -139,13 +139,30 @@ def test_an_effect_that_is_found_from_some_day_on_is_a_change_from_zero() -> Non
     assert (change.before, change.index) == (0.0, 10)
 
 
-def test_the_change_point_is_that_of_the_definition() -> None:
+def test_the_change_point_is_found_in_few_and_in_many_values_and_not_made_by_outliers() -> None:
     rng = np.random.default_rng(5)
-    values = np.concatenate([rng.normal(size=14), rng.normal(1.0, size=9)]).round(1)  # with ties
-    sums = [abs(np.sign(values[: t + 1, None] - values[None, t + 1 :]).sum()) for t in range(len(values) - 1)]
-    index, probability = pettitt(values)
-    assert index == int(np.argmax(sums)) + 1
-    assert probability == pytest.approx(min(1.0, 2 * np.exp(-6 * max(sums) ** 2 / (23**3 + 23**2))))
+    few = np.concatenate([rng.normal(1.0, 0.05, 9), rng.normal(2.0, 0.05, 7)])
+    index, probability = change_point(few)
+    assert index == 9
+    assert probability < 1e-4
+    many = np.concatenate([rng.normal(0.0, 1.0, 6000), rng.normal(1.5, 1.0, 4000)])
+    assert abs(change_point(many)[0] - 6000) <= 100  # blocks of 50
+    few[:9], few[2] = few[9], 40.0
+    few[9:] += rng.normal(0.0, 0.05, 7)
+    assert change_point(few)[1] > 1e-3
+    assert change_point(np.array([1.0] * 5 + [2.0] * 5)) == (5, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["normal", "heavy tails", "skewed"])
+def test_chance_alone_makes_few_changes(kind: str) -> None:
+    rng = np.random.default_rng(9)
+    draw = {
+        "normal": lambda: rng.normal(size=20),
+        "heavy tails": lambda: rng.standard_t(2, size=20),
+        "skewed": lambda: rng.lognormal(size=20),
+    }[kind]
+    found = [change_point(draw())[1] for _ in range(150)]
+    assert np.mean(np.array(found) < 0.05) <= 0.08
 
 
 def test_tables_hold_every_row_and_no_formula_for_spreadsheets(tmp_path: Path) -> None:
