@@ -67,6 +67,7 @@ SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmar
 BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
 # A Dask cluster, files at URLs, and results as Parquet for `poise evaluate`.
 FLEET_REQUIRES = ["distributed>=2024.8", "fsspec>=2024.6", "pyarrow>=15"]
+USD_REQUIRES = ["usd-core>=24.11"]  # meshes in USD files
 VISION_REQUIRES = ["opencv-python-headless>=4.8"]  # finds printed boards
 # The site (`make docs`), and notebooks that CI executes.
 DOCS_REQUIRES = [
@@ -197,6 +198,7 @@ setup(
         "vision": VISION_REQUIRES,
         "fleet": FLEET_REQUIRES,
         "docs": DOCS_REQUIRES,
+        "usd": USD_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -216,6 +218,7 @@ setup(
             *VISION_REQUIRES,
             *FLEET_REQUIRES,
             *DOCS_REQUIRES,
+            *USD_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },

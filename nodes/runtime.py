@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 from poise.errors import ErrorCode, PoiseError
+from poise.nodes.responses import send_responses_again
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 
 try:  # at 1 kHz the events executor takes a fifth off the latency
@@ -41,6 +42,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     # Before init: rclpy's own handler, in C, does the shutdown; Python's handler would raise during that shutdown.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
+    send_responses_again()
     executor = EventsExecutor()
     # It is never destroyed: a signal while it takes in entities makes it forget some, and its destructor would abort
     # (rclpy 7.1.6).

@@ -21,7 +21,7 @@ LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation", "baselines"},
-    {"placement", "weighing", "mismatch", "excitation", "exporting", "world", "calibration", "evaluation"},
+    {"placement", "weighing", "mismatch", "excitation", "exporting", "world", "worlds", "calibration", "evaluation"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},

@@ -25,6 +25,7 @@ from poise.evaluation import (
     measures_in,
     outliers,
     rows_of,
+    spoken,
     write_tables,
 )
 from poise.viewing import readable, rounded
@@ -114,7 +115,7 @@ def _far(found: Sequence[Outlier]) -> Table:
         table.add_column(heading, justify="right")
     for each in found:
         numbers = f"{each.value:.4g}", f"{each.usual:.4g}", f"{each.score:.1f}"
-        table.add_row(escape(readable(each.row.name)), each.column, *numbers)
+        table.add_row(escape(readable(each.row.name)), spoken(each.column), *numbers)
     return table
 
 

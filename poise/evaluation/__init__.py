@@ -12,7 +12,7 @@ from poise.evaluation.cluster import cluster_pool
 from poise.evaluation.jobs import JOBS, Job
 from poise.evaluation.journal import Journal
 from poise.evaluation.patterns import Change, Outlier, changes, measures_in, outliers
-from poise.evaluation.rows import Row, columns_of, failures_of, median_seconds, rows_of
+from poise.evaluation.rows import Row, columns_of, failures_of, median_seconds, rows_of, spoken
 from poise.evaluation.running import Pool, local_pool, run, unanswered
 from poise.evaluation.sources import RECORDINGS, Source, SourceKind, file_system, find_sources, is_url, unreachable
 from poise.evaluation.tables import write_tables
@@ -49,6 +49,7 @@ __all__ = [
     "outliers",
     "rows_of",
     "run",
+    "spoken",
     "this_build",
     "unanswered",
     "unreachable",

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from poise.evaluation.rows import Row
+from poise.evaluation.rows import Row, spoken
 from poise.types import Array
 
 _FEW = 8
@@ -68,9 +68,8 @@ class Change:
         where = f"{self.group}: " if self.group else ""
         counts = f"{self.index} recordings before, {len(self.rows) - self.index} after"
         when = f"on {first}" if last == first else f"between {last} and {first}"
-        return (
-            f"{where}{self.column} changed {when} from {self.before:.4g} to {self.after:.4g}{self._factor} ({counts})"
-        )
+        levels = f"from {self.before:.4g} to {self.after:.4g}{self._factor}"
+        return f"{where}{spoken(self.column)} changed {when} {levels} ({counts})"
 
     @property
     def _factor(self) -> str:

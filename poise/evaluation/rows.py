@@ -138,6 +138,11 @@ def columns_of(rows: Iterable[Row]) -> list[str]:
     return list(dict.fromkeys(column for row in rows for column in row.cells))
 
 
+def spoken(column: str) -> str:
+    """A column in words: `effects.viscous_friction.parameters.damping_3.value` is `viscous_friction damping_3`."""
+    return column.removeprefix("effects.").removesuffix(".value").replace(".parameters.", " ").replace(".change.", " ")
+
+
 def failures_of(rows: Iterable[Row]) -> list[tuple[str, int, Row]]:
     """Each kind of error with its number, the most frequent first, and the first source that has it."""
     failed = [row for row in rows if row.error is not None]

@@ -10,7 +10,7 @@ from matplotlib.dates import DateFormatter
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
-from poise.evaluation import Change, Row
+from poise.evaluation import Change, Row, spoken
 from poise.viewing.canvas import PALETTE, Panel, add_axes
 from poise.viewing.wording import readable
 
@@ -27,7 +27,7 @@ def distribution_panel(number: int, column: str, rows: Sequence[Row]) -> Panel |
     if len(values) < 2 or np.ptp(values) == 0:
         return None
     low, middle, high = np.quantile(values, (0.05, 0.5, 0.95)).tolist()
-    title = readable(column, 60)
+    title = readable(spoken(column), 60)
     alt = f"{title}: {len(values)} values, median {middle:.4g}, nine of ten between {low:.4g} and {high:.4g}."
 
     def draw(figure: FigureBase) -> None:
@@ -43,10 +43,10 @@ def change_panel(number: int, change: Change) -> Panel:
     days = [datetime.fromtimestamp(row.time, UTC) for row in change.rows]
     values = [row.number(change.column) for row in change.rows]
     step = math.ceil(len(days) / _POINTS)
-    title = readable(f"{change.group} {change.column}".strip(), 60)
+    title = readable(f"{change.group} {spoken(change.column)}".strip(), 60)
 
     def draw(figure: FigureBase) -> None:
-        axes = add_axes(figure, title, below="date")
+        axes = add_axes(figure, title, below="")
         axes.plot(days[::step], values[::step], "o", color=PALETTE["measured"], markersize=3.5, markeredgewidth=0)  # type: ignore[arg-type]
         halves = ((days[: change.index], change.before), (days[change.index :], change.after))
         for part, median in halves:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from poise.evaluation import Change, ErrorLine, Outlier, Row, failures_of, median_seconds
+from poise.evaluation import Change, ErrorLine, Outlier, Row, failures_of, median_seconds, spoken
 from poise.files import write_whole
 from poise.viewing.evaluation_figures import change_panel, distribution_panel
 from poise.viewing.page import Finding, drawn, making, render_page
@@ -73,7 +73,7 @@ def _headline(changes: Sequence[Change], outliers: Sequence[Outlier]) -> str:
         return readable(changes[0].sentence, 300) + "."
     if outliers:
         first = outliers[0]
-        return f"Nothing changed with time. {readable(first.row.name)} is the farthest from the others: {first.column}."
+        return f"Nothing changed with time. {readable(first.row.name)} is the farthest from the others: {spoken(first.column)}."
     return "Nothing changed with time, and no source is far from the others of its group."
 
 
@@ -92,7 +92,12 @@ def _findings(rows: Sequence[Row], changes: Sequence[Change], outliers: Sequence
 
 def _outlier(each: Outlier) -> dict[str, Any]:
     numbers = {"value": f"{each.value:.4g}", "usual": f"{each.usual:.4g}", "score": f"{each.score:.1f}"}
-    return {"name": readable(each.row.name), "group": readable(each.row.group), "column": each.column, **numbers}
+    return {
+        "name": readable(each.row.name),
+        "group": readable(each.row.group),
+        "column": spoken(each.column),
+        **numbers,
+    }
 
 
 def _error(line: ErrorLine) -> dict[str, str]:
