@@ -18,12 +18,12 @@ from poise.commands.output import JsonOption, console, progress_bar, refuse_fold
 from poise.errors import ErrorCode, InputError
 from poise.evaluation import (
     JOBS,
-    Job,
+    DataSource,
+    EvaluationJob,
     Journal,
-    Limits,
-    Pool,
-    Source,
-    Task,
+    WorkerLimits,
+    WorkerPool,
+    WorkerTask,
     cluster_pool,
     find_sources,
     local_pool,
@@ -139,13 +139,13 @@ def evaluate(
     groups = groups_of(sources, group)
     names = labels(sources)
     size = min(workers or os.cpu_count() or 1, len(sources))
-    bounds = Limits(time_limit, _memory(memory, size))
+    bounds = WorkerLimits(time_limit, _memory(memory, size))
     command = (sys.executable, *_WORKER)
     build, folder = this_build(), str(Path.cwd())
 
-    def task_of(source: Source) -> Task:
+    def task_of(source: DataSource) -> WorkerTask:
         arguments = tuple(word.replace(_NAME, names[source.name]) for word in plan.arguments)
-        return Task(plan.job.name, arguments, source.name, folder, bounds, build, command)
+        return WorkerTask(plan.job.name, arguments, source.name, folder, bounds, build, command)
 
     heading = {"job": plan.job.name, "arguments": list(plan.arguments), "build": build}
     with _folder(results) as kept, Journal(kept, heading) as journal:
@@ -161,15 +161,15 @@ def evaluate(
 
 
 @dataclass(frozen=True)
-class Plan:
+class EvaluationPlan:
     """What is asked: the job, its arguments without a source, and where the sources are."""
 
-    job: Job
+    job: EvaluationJob
     arguments: tuple[str, ...]
     patterns: tuple[str, ...]
 
 
-def read_plan(words: Sequence[str], reference: Path | None) -> Plan:
+def read_plan(words: Sequence[str], reference: Path | None) -> EvaluationPlan:
     """Take the command's words apart: job, options of the job, sources.
 
     Raises:
@@ -187,17 +187,17 @@ def read_plan(words: Sequence[str], reference: Path | None) -> Plan:
         raise InputError(ErrorCode.BAD_INPUT, f"evaluate {job.name} {needs}")
     arguments = (*options, *([] if reference is None else [str(reference)]))
     _command(job).make_context(job.name, [*arguments, patterns[0]])  # a value of the wrong type is refused here
-    return Plan(job, arguments, tuple(patterns))
+    return EvaluationPlan(job, arguments, tuple(patterns))
 
 
-def _command(job: Job) -> Any:
+def _command(job: EvaluationJob) -> Any:
     """The parser of a job."""
     from poise.cli import load_command  # it lists this command
 
     return load_command(job.name)
 
 
-def _split(job: Job, words: list[str]) -> tuple[list[str], list[str]]:
+def _split(job: EvaluationJob, words: list[str]) -> tuple[list[str], list[str]]:
     """The options of the job with their values, and the other words."""
     known = {name: option for option in _command(job).params for name in (*option.opts, *option.secondary_opts)}
     options, others = [], []
@@ -220,7 +220,7 @@ def _split(job: Job, words: list[str]) -> tuple[list[str], list[str]]:
     return options, others
 
 
-def groups_of(sources: Sequence[Source], pattern: str | None) -> dict[str, str]:
+def groups_of(sources: Sequence[DataSource], pattern: str | None) -> dict[str, str]:
     """The group of each source by its name.
 
     Raises:
@@ -238,7 +238,7 @@ def groups_of(sources: Sequence[Source], pattern: str | None) -> dict[str, str]:
     return {name: (match[1] or "") if match else "" for name, match in found.items()}
 
 
-def labels(sources: Sequence[Source]) -> dict[str, str]:
+def labels(sources: Sequence[DataSource]) -> dict[str, str]:
     """For each source a name that can be part of a file name: its path below what all have in common."""
     folders = [PurePosixPath(source.name.replace("://", "/")).parts[:-1] for source in sources]
     common = sum(1 for _ in takewhile(lambda parts: len(set(parts)) == 1, zip(*folders, strict=False)))
@@ -256,7 +256,7 @@ def _memory(given: float | None, workers: int) -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // workers
 
 
-def _pool(scheduler: str | None, size: int) -> AbstractContextManager[Pool]:
+def _pool(scheduler: str | None, size: int) -> AbstractContextManager[WorkerPool]:
     return local_pool(size) if scheduler is None else cluster_pool(scheduler)
 
 

@@ -11,12 +11,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.evaluation import (
-    Change,
     ErrorLine,
-    Job,
+    EvaluationJob,
     Journal,
+    LevelChange,
     Outlier,
-    Row,
+    ResultRow,
     add_truths,
     changes,
     columns_of,
@@ -38,9 +38,9 @@ _SHOWN = 40
 class Results:
     """The rows of an evaluation and what stands out in them."""
 
-    rows: list[Row]
+    rows: list[ResultRow]
     outliers: list[Outlier]
-    changes: list[Change]
+    changes: list[LevelChange]
     errors: list[ErrorLine]
     written: list[Path]
 
@@ -63,7 +63,7 @@ def _one_json(entry: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
-def write_results(folder: Path | None, journal: Journal, job: Job, groups: dict[str, str]) -> Results:
+def write_results(folder: Path | None, journal: Journal, job: EvaluationJob, groups: dict[str, str]) -> Results:
     """The results of a journal, written as tables and a page into a folder; None: nowhere.
 
     Raises:
@@ -83,7 +83,7 @@ def write_results(folder: Path | None, journal: Journal, job: Job, groups: dict[
     return found
 
 
-def print_results(people: Console, job: Job, found: Results, skipped: Sequence[str]) -> None:
+def print_results(people: Console, job: EvaluationJob, found: Results, skipped: Sequence[str]) -> None:
     """The results as text: what changed, what stands out, what failed, and of a few sources each answer."""
     if job.name == "identify" and len(found.rows) <= _SHOWN:
         people.print(_payloads(found.rows))
@@ -132,7 +132,7 @@ def error_table(errors: Sequence[ErrorLine]) -> Table:
     return table
 
 
-def _payloads(rows: Sequence[Row]) -> Table:
+def _payloads(rows: Sequence[ResultRow]) -> Table:
     table = Table()
     for heading in ("recording", "method", "mass kg", "centre of mass mm", "residual N, mN m", "samples", "findings"):
         words = heading in ("recording", "method", "findings")
@@ -150,6 +150,6 @@ def _payloads(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _millimetres(row: Row, axis: int) -> str:
+def _millimetres(row: ResultRow, axis: int) -> str:
     value = 1e3 * row.number(f"com.{axis}")
     return rounded(value, 1e3 * row.number(f"com_std.{axis}"))[0] if math.isfinite(value) else "-"

@@ -7,7 +7,7 @@ from typing import Any
 
 from poise.errors import ErrorCode, InputError
 from poise.evaluation.build import this_build
-from poise.evaluation.running import Pool, other_build
+from poise.evaluation.running import WorkerPool, other_build
 from poise.evaluation.workers import answer_on_cluster
 
 _SECONDS = 10
@@ -15,7 +15,7 @@ _SECONDS = 10
 
 
 @contextmanager
-def cluster_pool(address: str) -> Iterator[Pool]:
+def cluster_pool(address: str) -> Iterator[WorkerPool]:
     """The workers of the Dask scheduler at an address, such as `tcp://10.0.0.5:8786`.
 
     Raises:
@@ -42,7 +42,7 @@ def cluster_pool(address: str) -> Iterator[Pool]:
         def lost() -> str:
             return "" if client.status == "running" else f"the Dask scheduler at {address} is lost"
 
-        yield Pool(client.get_executor(pure=False), answer_on_cluster, threads, lost)
+        yield WorkerPool(client.get_executor(pure=False), answer_on_cluster, threads, lost)
     finally:
         client.close(timeout=_SECONDS)
 

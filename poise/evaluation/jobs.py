@@ -6,7 +6,7 @@ from poise.evaluation.sources import CLOUDS, RECORDINGS, SCENES, SourceKind
 
 
 @dataclass(frozen=True)
-class Job:
+class EvaluationJob:
     """A subcommand of poise that is run on many sources.
 
     Args:
@@ -24,13 +24,13 @@ _EFFECTS = ("effects.*.parameters.*.value", "fit.holdout.*", "fit.nrmse.*.augmen
 JOBS = {
     job.name: job
     for job in (
-        Job("identify", RECORDINGS, ("mass", "com.?", "inertia.?", "bias.?", "residual_*", "delay")),
-        Job("mismatch", RECORDINGS, _EFFECTS),
-        Job("compare", RECORDINGS, ("effects.*.change.*.value", "fit.holdout.*")),
-        Job("scan", RECORDINGS, ("volume", "n_parts", "n_points", "part_volumes.*", "poses_moved")),
-        Job("segment", CLOUDS, ("volume", "n_parts", "part_volumes.*")),
-        Job("robustness", SCENES, ("margin", "queries.*.robustness")),
-        Job("place", SCENES, ("robustness", "iterations", "volume")),
+        EvaluationJob("identify", RECORDINGS, ("mass", "com.?", "inertia.?", "bias.?", "residual_*", "delay")),
+        EvaluationJob("mismatch", RECORDINGS, _EFFECTS),
+        EvaluationJob("compare", RECORDINGS, ("effects.*.change.*.value", "fit.holdout.*")),
+        EvaluationJob("scan", RECORDINGS, ("volume", "n_parts", "n_points", "part_volumes.*", "poses_moved")),
+        EvaluationJob("segment", CLOUDS, ("volume", "n_parts", "part_volumes.*")),
+        EvaluationJob("robustness", SCENES, ("margin", "queries.*.robustness")),
+        EvaluationJob("place", SCENES, ("robustness", "iterations", "volume")),
     )
 }
 """By the name of the subcommand."""

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from poise.errors import ErrorCode, InputError
-from poise.evaluation.sources import Source
+from poise.evaluation.sources import DataSource
 
 JOURNAL = "journal.jsonl"
 
@@ -60,7 +60,7 @@ class Journal:
     ) -> None:
         self._file.close()
 
-    def append(self, source: Source, reply: dict[str, Any]) -> None:
+    def append(self, source: DataSource, reply: dict[str, Any]) -> None:
         """Keep the reply about a source.
 
         Raises:

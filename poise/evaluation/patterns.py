@@ -1,6 +1,7 @@
 """What stands out in many answers: sources far from the others of their group, and quantities that change with time."""
 
 import math
+import warnings
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from poise.evaluation.rows import Row, spoken
+from poise.evaluation.rows import ResultRow, spoken
 from poise.types import Array
 
 _FEW = 8
@@ -33,7 +34,7 @@ _NORMAL = 1.4826
 class Outlier:
     """A source far from the others of its group: in which column, by how many robust standard deviations."""
 
-    row: Row
+    row: ResultRow
     column: str
     value: float
     usual: float
@@ -41,7 +42,7 @@ class Outlier:
 
 
 @dataclass(frozen=True)
-class Change:
+class LevelChange:
     """A quantity of a group that is different from some time on.
 
     Args:
@@ -55,7 +56,7 @@ class Change:
 
     group: str
     column: str
-    rows: tuple[Row, ...]
+    rows: tuple[ResultRow, ...]
     index: int
     before: float
     after: float
@@ -83,7 +84,7 @@ def measures_in(columns: Sequence[str], patterns: Sequence[str]) -> list[str]:
     return [column for pattern in patterns for column in columns if fnmatchcase(column, pattern)]
 
 
-def outliers(rows: Iterable[Row], measures: Sequence[str]) -> list[Outlier]:
+def outliers(rows: Iterable[ResultRow], measures: Sequence[str]) -> list[Outlier]:
     """The sources that are far from the median of their group in some column, the farthest first.
 
     The score is |x - median| over the MAD, in groups of eight or more; where more than half of the values are equal,
@@ -120,7 +121,7 @@ def _scores(values: Array) -> tuple[float, Array]:
     return middle, np.nan_to_num(np.abs(values - middle) / spread)
 
 
-def changes(rows: Iterable[Row], measures: Sequence[str]) -> list[Change]:
+def changes(rows: Iterable[ResultRow], measures: Sequence[str]) -> list[LevelChange]:
     """The quantities of each group that changed at some time, the most certain first.
 
     Each column of each group of eight or more is tested by `change_point`; of all changes that are reported, 1 % are
@@ -137,7 +138,7 @@ def changes(rows: Iterable[Row], measures: Sequence[str]) -> list[Change]:
                 chosen = tuple(dated[at] for at in known)
                 before, after = np.split(values[known], [index])
                 middle = float(np.median(before)), float(np.median(after))
-                found.append((Change(group, column, chosen, index, *middle, probability), before, after))
+                found.append((LevelChange(group, column, chosen, index, *middle, probability), before, after))
     if not found:
         return []
     from scipy.stats import false_discovery_control  # it loads slowly, and workers do not need it
@@ -151,7 +152,7 @@ def changes(rows: Iterable[Row], measures: Sequence[str]) -> list[Change]:
     return sorted(sure, key=lambda change: (change.probability, change.group, change.column))
 
 
-def _is_notable(change: Change, before: Array, after: Array) -> bool:
+def _is_notable(change: LevelChange, before: Array, after: Array) -> bool:
     spread = _NORMAL * float(np.median(np.concatenate([abs(before - change.before), abs(after - change.after)])))
     return abs(change.after - change.before) > max(_NOTABLE * spread, 1e-9 * abs(change.before))
 
@@ -175,7 +176,8 @@ def change_point(values: Array) -> tuple[int, float]:
     costs = [_deviations(medians[:at]) + _deviations(medians[at:]) for at in splits]
     best = splits[int(np.argmin(costs))]
     before, after = medians[:best], medians[best:]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # parts without a spread are judged below
         chance = float(ttest_ind(before, after, equal_var=False, trim=_TRIMMED).pvalue)
     if not math.isfinite(chance):  # neither part has a spread
         chance = 0.0 if np.median(before) != np.median(after) else 1.0
@@ -186,9 +188,9 @@ def _deviations(values: Array) -> float:
     return float(np.abs(values - np.median(values)).sum())
 
 
-def _groups(rows: Iterable[Row]) -> Iterator[tuple[str, list[Row]]]:
+def _groups(rows: Iterable[ResultRow]) -> Iterator[tuple[str, list[ResultRow]]]:
     """Rows with answers by their groups."""
-    members: dict[str, list[Row]] = defaultdict(list)
+    members: dict[str, list[ResultRow]] = defaultdict(list)
     for row in rows:
         if row.counts:
             members[row.group].append(row)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-Cell = float | str | bool
+ResultCell = float | str | bool
 _LONGEST = 12
 """Numbers of a list that become columns; longer lists stay in the journal."""
 _SET_ASIDE = {
@@ -24,7 +24,7 @@ _FIRST_STAMP = 5e8
 
 
 @dataclass
-class Row:
+class ResultRow:
     """What there is to know about one source.
 
     Args:
@@ -42,10 +42,10 @@ class Row:
     group: str
     time: float
     error: dict[str, Any] | None
-    cells: dict[str, Cell]
+    cells: dict[str, ResultCell]
     sha256: str = ""
     duplicate_of: str = ""
-    truth: dict[str, Cell] = field(default_factory=dict)
+    truth: dict[str, ResultCell] = field(default_factory=dict)
     seconds: float = math.nan
 
     @property
@@ -67,7 +67,7 @@ class Row:
         return datetime.fromtimestamp(self.time, UTC).isoformat(timespec="seconds") if math.isfinite(self.time) else ""
 
 
-def rows_of(entries: Iterable[dict[str, Any]], groups: dict[str, str]) -> list[Row]:
+def rows_of(entries: Iterable[dict[str, Any]], groups: dict[str, str]) -> list[ResultRow]:
     """The rows of a journal in the order of their names; of several replies about one source the last counts.
 
     Args:
@@ -84,10 +84,10 @@ def rows_of(entries: Iterable[dict[str, Any]], groups: dict[str, str]) -> list[R
     return ordered
 
 
-def _row(entry: dict[str, Any], group: str) -> Row:
+def _row(entry: dict[str, Any], group: str) -> ResultRow:
     stamp, modified = entry.get("stamp"), entry["modified"]
     time = stamp if isinstance(stamp, float) and stamp > _FIRST_STAMP else modified
-    return Row(
+    return ResultRow(
         entry["name"],
         group,
         math.nan if time is None else float(time),
@@ -98,9 +98,9 @@ def _row(entry: dict[str, Any], group: str) -> Row:
     )
 
 
-def flattened(content: dict[str, Any], above: str = "") -> dict[str, Cell]:
+def flattened(content: dict[str, Any], above: str = "") -> dict[str, ResultCell]:
     """The numbers and words of an answer by the path of their field, such as `com.0` or `effects.NAME.probability`."""
-    cells: dict[str, Cell] = {}
+    cells: dict[str, ResultCell] = {}
     for name, value in content.items():
         path = f"{above}{name}"
         if name in _SET_ASIDE or value is None:
@@ -114,10 +114,10 @@ def flattened(content: dict[str, Any], above: str = "") -> dict[str, Cell]:
     return cells
 
 
-def _listed(values: list[Any], name: str, path: str) -> dict[str, Cell]:
+def _listed(values: list[Any], name: str, path: str) -> dict[str, ResultCell]:
     if name in _NAMED:
         entries = [value if isinstance(value, dict) else {"name": str(value)} for value in values]
-        cells: dict[str, Cell] = {path: ", ".join(sorted(entry["name"].lower() for entry in entries))}
+        cells: dict[str, ResultCell] = {path: ", ".join(sorted(entry["name"].lower() for entry in entries))}
         if name == "effects":
             for entry in entries:
                 cells |= flattened(
@@ -133,7 +133,7 @@ def _listed(values: list[Any], name: str, path: str) -> dict[str, Cell]:
     return {}
 
 
-def columns_of(rows: Iterable[Row]) -> list[str]:
+def columns_of(rows: Iterable[ResultRow]) -> list[str]:
     """All columns, in the order in which they appear first."""
     return list(dict.fromkeys(column for row in rows for column in row.cells))
 
@@ -143,18 +143,18 @@ def spoken(column: str) -> str:
     return column.removeprefix("effects.").removesuffix(".value").replace(".parameters.", " ").replace(".change.", " ")
 
 
-def failures_of(rows: Iterable[Row]) -> list[tuple[str, int, Row]]:
+def failures_of(rows: Iterable[ResultRow]) -> list[tuple[str, int, ResultRow]]:
     """Each kind of error with its number, the most frequent first, and the first source that has it."""
     failed = [row for row in rows if row.error is not None]
     counts = Counter(_kind(row) for row in failed)
     return [(kind, count, next(row for row in failed if _kind(row) == kind)) for kind, count in counts.most_common()]
 
 
-def _kind(row: Row) -> str:
+def _kind(row: ResultRow) -> str:
     return str(row.error["name"]) if row.error else ""
 
 
-def median_seconds(rows: Iterable[Row]) -> float:
+def median_seconds(rows: Iterable[ResultRow]) -> float:
     """s that a source took, in the middle."""
     seconds = [row.seconds for row in rows if math.isfinite(row.seconds)]
     return statistics.median(seconds) if seconds else math.nan

@@ -9,8 +9,8 @@ from typing import Any
 from poise.errors import ErrorCode, InputError
 from poise.evaluation.build import this_build
 from poise.evaluation.journal import Journal
-from poise.evaluation.sources import Source
-from poise.evaluation.workers import Task, Workers
+from poise.evaluation.sources import DataSource
+from poise.evaluation.workers import Workers, WorkerTask
 
 _PATIENCE = 5.0
 """s between looks at whether a pool without news is still there."""
@@ -19,7 +19,7 @@ _AHEAD = 2
 
 
 @dataclass(frozen=True)
-class Pool:
+class WorkerPool:
     """Where tasks are answered.
 
     Args:
@@ -30,24 +30,24 @@ class Pool:
     """
 
     executor: Executor
-    answer: Callable[[Task], dict[str, Any]]
+    answer: Callable[[WorkerTask], dict[str, Any]]
     size: int
     lost: Callable[[], str] = lambda: ""
 
 
 @contextmanager
-def local_pool(size: int) -> Iterator[Pool]:
+def local_pool(size: int) -> Iterator[WorkerPool]:
     """Worker processes of this machine, ended on the way out."""
     workers = Workers()
     executor = ThreadPoolExecutor(size)
     try:
-        yield Pool(executor, workers.answer, size)
+        yield WorkerPool(executor, workers.answer, size)
     finally:
         workers.close()
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-def unanswered(sources: Iterable[Source], journal: Journal, retry: bool) -> list[Source]:
+def unanswered(sources: Iterable[DataSource], journal: Journal, retry: bool) -> list[DataSource]:
     """The sources that the journal has no reply about, or that changed since.
 
     Args:
@@ -62,9 +62,9 @@ def unanswered(sources: Iterable[Source], journal: Journal, retry: bool) -> list
 
 
 def run(
-    sources: Iterable[Source],
-    task_of: Callable[[Source], Task],
-    pool: Pool,
+    sources: Iterable[DataSource],
+    task_of: Callable[[DataSource], WorkerTask],
+    pool: WorkerPool,
     journal: Journal,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
@@ -81,7 +81,7 @@ def run(
         InputError: UNSUPPORTED when a worker runs another version of Poise, FILE_UNWRITABLE on a full disk, BAD_INPUT
             when the pool is lost. What was answered before is kept.
     """
-    pending: dict[Future[dict[str, Any]], Source] = {}
+    pending: dict[Future[dict[str, Any]], DataSource] = {}
     done = 0
     for source in sources:
         pending[pool.executor.submit(pool.answer, task_of(source))] = source
@@ -93,7 +93,7 @@ def run(
         progress(done)
 
 
-def _keep_finished(pending: dict[Future[dict[str, Any]], Source], pool: Pool, journal: Journal) -> int:
+def _keep_finished(pending: dict[Future[dict[str, Any]], DataSource], pool: WorkerPool, journal: Journal) -> int:
     """Wait for a reply, keep all that are there, and return their number."""
     finished, _ = wait(pending, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
     if not finished and (why := pool.lost()):

@@ -36,11 +36,11 @@ class SourceKind:
 
 RECORDINGS = SourceKind("recording", (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", "columns.yaml"))
 CLOUDS = SourceKind("point cloud", (".ply", ".pcd", ".xyz", ".csv", ".npy"))
-SCENES = SourceKind("scene", (".yaml", ".yml"))
+SCENES = SourceKind("scene", (".yaml", ".yml", ".sdf", ".world", ".xml", ".mjcf", ".urdf", ".scene"))
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """One thing to evaluate.
 
     Args:
@@ -69,14 +69,14 @@ def is_url(text: str) -> bool:
     return "://" in text
 
 
-def find_sources(patterns: Sequence[str], kind: SourceKind) -> tuple[list[Source], list[str]]:
+def find_sources(patterns: Sequence[str], kind: SourceKind) -> tuple[list[DataSource], list[str]]:
     """The sources that folders, globs, paths and URLs stand for, and the names in folders that are none.
 
     Raises:
         InputError: FILE_UNREADABLE for a path or server that is not there, EMPTY when nothing is found, UNSUPPORTED for
             URLs without fsspec or the package of their protocol.
     """
-    found: dict[str, Source] = {}
+    found: dict[str, DataSource] = {}
     skipped: list[str] = []
     for pattern in patterns:
         sources, others = _remote(pattern, kind) if is_url(pattern) else _local(pattern, kind)
@@ -92,7 +92,7 @@ def find_sources(patterns: Sequence[str], kind: SourceKind) -> tuple[list[Source
 # -- paths --------------------------------------------------------------------------------------------------------
 
 
-def _local(pattern: str, kind: SourceKind) -> tuple[list[Source], list[str]]:
+def _local(pattern: str, kind: SourceKind) -> tuple[list[DataSource], list[str]]:
     path = Path(pattern)
     skipped: list[str] = []
     if path.is_dir() and kind.folders:
@@ -118,12 +118,12 @@ def _matches(pattern: str, kind: SourceKind) -> Iterator[Path]:
             yield path
 
 
-def _stated(path: Path) -> Source:
+def _stated(path: Path) -> DataSource:
     try:
         state = path.stat()
     except OSError:  # it vanished, or may not be read: its answer says so
-        return Source(str(path))
-    return Source(str(path), None if path.is_dir() else state.st_size, state.st_mtime)
+        return DataSource(str(path))
+    return DataSource(str(path), None if path.is_dir() else state.st_size, state.st_mtime)
 
 
 # -- URLs ---------------------------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ def unreachable(url: str, error: Exception) -> InputError:
     return InputError(ErrorCode.FILE_UNREADABLE, f"{url} cannot be read: {type(error).__name__}: {error}")
 
 
-def _remote(url: str, kind: SourceKind) -> tuple[list[Source], list[str]]:
+def _remote(url: str, kind: SourceKind) -> tuple[list[DataSource], list[str]]:
     files, path = file_system(url)
     try:
         if any(letter in path for letter in _MAGIC):
@@ -168,7 +168,7 @@ def _remote(url: str, kind: SourceKind) -> tuple[list[Source], list[str]]:
         raise unreachable(url, error) from error
     _, chained, rest = url.partition("::")
     names = {entry["name"]: files.unstrip_protocol(entry["name"]) + chained + rest for entry in entries}
-    sources = [Source(names[entry["name"]], entry.get("size") or None, _modified(entry)) for entry in chosen]
+    sources = [DataSource(names[entry["name"]], entry.get("size") or None, _modified(entry)) for entry in chosen]
     return sources, [posixpath.basename(name.rstrip("/")) for name in _others(entries, chosen)]
 
 

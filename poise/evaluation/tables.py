@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from poise.evaluation.rows import Cell, Row, columns_of
+from poise.evaluation.rows import ResultCell, ResultRow, columns_of
 from poise.files import write_whole
 
 _ABOUT = ("name", "group", "time", "error", "message", "sha256", "duplicate_of", "job_seconds")
@@ -16,7 +16,7 @@ _ABOUT = ("name", "group", "time", "error", "message", "sha256", "duplicate_of",
 _FORMULA = ("=", "+", "-", "@", "\t")
 
 
-def write_tables(folder: Path, rows: Sequence[Row]) -> list[Path]:
+def write_tables(folder: Path, rows: Sequence[ResultRow]) -> list[Path]:
     """Write results.csv and, with pyarrow, results.parquet: a row for each source, empty cells where it has no value.
 
     Raises:
@@ -29,7 +29,7 @@ def write_tables(folder: Path, rows: Sequence[Row]) -> list[Path]:
     return written
 
 
-def _about(row: Row) -> tuple[str | float, ...]:
+def _about(row: ResultRow) -> tuple[str | float, ...]:
     error = row.error or {}
     seconds = row.seconds if math.isfinite(row.seconds) else ""
     return (
@@ -44,7 +44,7 @@ def _about(row: Row) -> tuple[str | float, ...]:
     )
 
 
-def _csv(rows: Sequence[Row], columns: Sequence[str]) -> str:
+def _csv(rows: Sequence[ResultRow], columns: Sequence[str]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*_ABOUT, *columns])
@@ -54,12 +54,12 @@ def _csv(rows: Sequence[Row], columns: Sequence[str]) -> str:
     return text.getvalue()
 
 
-def _inert(cell: Cell) -> Cell:
+def _inert(cell: ResultCell) -> ResultCell:
     """Words that a spreadsheet would take for a formula get a quote in front."""
     return f"'{cell}" if isinstance(cell, str) and cell[:1] in _FORMULA and cell != "-inf" else cell
 
 
-def _parquet(rows: Sequence[Row], columns: Sequence[str]) -> bytes:
+def _parquet(rows: Sequence[ResultRow], columns: Sequence[str]) -> bytes:
     import pyarrow
     import pyarrow.parquet
 

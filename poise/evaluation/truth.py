@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from poise.errors import ErrorCode, InputError
-from poise.evaluation.rows import Cell, Row, flattened
+from poise.evaluation.rows import ResultCell, ResultRow, flattened
 from poise.evaluation.sources import TRUTH_ENDINGS, SourceKind, file_system, is_url, unreachable
 
 _MOST_BYTES = 1_000_000
@@ -53,7 +53,7 @@ def truth_files(name: str, kind: SourceKind) -> list[str]:
     return [stem + ending for ending in TRUTH_ENDINGS]
 
 
-def add_truths(rows: Iterable[Row], kind: SourceKind) -> None:
+def add_truths(rows: Iterable[ResultRow], kind: SourceKind) -> None:
     """Read the truth files of rows, where there are any.
 
     Raises:
@@ -82,7 +82,7 @@ def _text(name: str, listings: dict[str, set[str]]) -> str | None:
         raise unreachable(name, error) from error
 
 
-def _parsed(name: str, text: str) -> dict[str, Cell]:
+def _parsed(name: str, text: str) -> dict[str, ResultCell]:
     try:
         content: Any = json.loads(text) if name.endswith(".json") else yaml.safe_load(text)
     except (ValueError, yaml.YAMLError, RecursionError) as error:
@@ -92,9 +92,9 @@ def _parsed(name: str, text: str) -> dict[str, Cell]:
     return flattened(content)
 
 
-def error_lines(rows: Sequence[Row]) -> list[ErrorLine]:
+def error_lines(rows: Sequence[ResultRow]) -> list[ErrorLine]:
     """The errors of every field that truth files give, in the order of the fields."""
-    pairs: dict[str, list[tuple[Row, Cell, Cell]]] = defaultdict(list)
+    pairs: dict[str, list[tuple[ResultRow, ResultCell, ResultCell]]] = defaultdict(list)
     for row in rows:
         if row.counts:
             for field, true in row.truth.items():
@@ -103,7 +103,7 @@ def error_lines(rows: Sequence[Row]) -> list[ErrorLine]:
     return [_line(field, found) for field, found in pairs.items()]
 
 
-def _line(field: str, found: list[tuple[Row, Cell, Cell]]) -> ErrorLine:
+def _line(field: str, found: list[tuple[ResultRow, ResultCell, ResultCell]]) -> ErrorLine:
     if any(isinstance(cell, str | bool) for _, *cells in found for cell in cells):
         differs = [row.name for row, value, true in found if value != true]
         share = 1.0 - len(differs) / len(found)

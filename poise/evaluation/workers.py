@@ -25,7 +25,7 @@ _CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
-class Limits:
+class WorkerLimits:
     """Bounds of one worker.
 
     Args:
@@ -38,7 +38,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Task:
+class WorkerTask:
     """One question to a worker.
 
     Args:
@@ -55,7 +55,7 @@ class Task:
     arguments: tuple[str, ...]
     source: str
     folder: str
-    limits: Limits
+    limits: WorkerLimits
     build: str
     command: tuple[str, ...]
 
@@ -78,7 +78,7 @@ class WorkerProcess:
             [*command, str(memory)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **single}
         )
 
-    def ask(self, task: Task) -> dict[str, Any]:
+    def ask(self, task: WorkerTask) -> dict[str, Any]:
         """The reply to a task.
 
         Raises:
@@ -138,7 +138,7 @@ class Workers:
         self._lock = threading.Lock()
         self._closed = False
 
-    def answer(self, task: Task) -> dict[str, Any]:
+    def answer(self, task: WorkerTask) -> dict[str, Any]:
         """The reply to a task; a process that dies is replaced once, one that is late is ended and reported."""
         how = ""
         for _ in range(_ATTEMPTS):
@@ -153,7 +153,7 @@ class Workers:
         message = f"{task.source}: the worker process ended twice ({how}); is there enough memory?"
         return failed(ErrorCode.INTERNAL, message)
 
-    def _process(self, task: Task) -> WorkerProcess:
+    def _process(self, task: WorkerTask) -> WorkerProcess:
         process: WorkerProcess | None = getattr(self._own, "process", None)
         if process is None:
             with self._lock:
@@ -182,6 +182,6 @@ _WORKERS = Workers()
 atexit.register(_WORKERS.close)
 
 
-def answer_on_cluster(task: Task) -> dict[str, Any]:
+def answer_on_cluster(task: WorkerTask) -> dict[str, Any]:
     """The reply of a worker of the machine that this runs on."""
     return _WORKERS.answer(task)

@@ -10,7 +10,7 @@ from matplotlib.dates import DateFormatter
 from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
-from poise.evaluation import Change, Row, spoken
+from poise.evaluation import LevelChange, ResultRow, spoken
 from poise.viewing.canvas import PALETTE, Panel, add_axes
 from poise.viewing.wording import readable
 
@@ -20,7 +20,7 @@ _POINTS = 2000
 """Points of a panel over time; of more, every so many-th is drawn."""
 
 
-def distribution_panel(number: int, column: str, rows: Sequence[Row]) -> Panel | None:
+def distribution_panel(number: int, column: str, rows: Sequence[ResultRow]) -> Panel | None:
     """A histogram of a column; None where it has fewer than two different values."""
     values = np.array([row.number(column) for row in rows if row.counts])
     values = values[np.isfinite(values)]
@@ -38,7 +38,7 @@ def distribution_panel(number: int, column: str, rows: Sequence[Row]) -> Panel |
     return Panel(f"distribution-{number}", alt, draw)
 
 
-def change_panel(number: int, change: Change) -> Panel:
+def change_panel(number: int, change: LevelChange) -> Panel:
     """A quantity over the time of recording, with its medians before and after it changed."""
     days = [datetime.fromtimestamp(row.time, UTC) for row in change.rows]
     values = [row.number(change.column) for row in change.rows]

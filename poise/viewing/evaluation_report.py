@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from poise.evaluation import Change, ErrorLine, Outlier, Row, failures_of, median_seconds, spoken
+from poise.evaluation import ErrorLine, LevelChange, Outlier, ResultRow, failures_of, median_seconds, spoken
 from poise.files import write_whole
 from poise.viewing.evaluation_figures import change_panel, distribution_panel
 from poise.viewing.page import Finding, drawn, making, render_page
@@ -21,10 +21,10 @@ _LINES, _PANELS = 60, 18
 def write_evaluation_report(
     directory: Path,
     job: str,
-    rows: Sequence[Row],
+    rows: Sequence[ResultRow],
     measures: Sequence[str],
     outliers: Sequence[Outlier],
-    changes: Sequence[Change],
+    changes: Sequence[LevelChange],
     errors: Sequence[ErrorLine],
     *,
     command: str | None = None,
@@ -68,16 +68,17 @@ def write_evaluation_report(
     return write_whole(Path(directory) / "index.html", page.encode("utf-8"))
 
 
-def _headline(changes: Sequence[Change], outliers: Sequence[Outlier]) -> str:
+def _headline(changes: Sequence[LevelChange], outliers: Sequence[Outlier]) -> str:
     if changes:
         return readable(changes[0].sentence, 300) + "."
     if outliers:
         first = outliers[0]
-        return f"Nothing changed with time. {readable(first.row.name)} is the farthest from the others: {spoken(first.column)}."
+        where = f"{readable(first.row.name)} is the farthest from the others: {spoken(first.column)}"
+        return f"Nothing changed with time. {where}."
     return "Nothing changed with time, and no source is far from the others of its group."
 
 
-def _findings(rows: Sequence[Row], changes: Sequence[Change], outliers: Sequence[Outlier]) -> list[Finding]:
+def _findings(rows: Sequence[ResultRow], changes: Sequence[LevelChange], outliers: Sequence[Outlier]) -> list[Finding]:
     findings = [Finding("warn", readable(change.sentence, 300)) for change in changes[1:6]]
     if outliers:
         findings.append(Finding("warn", f"{counted(len(outliers), 'source')} far from the others of their group."))
@@ -112,6 +113,6 @@ def _error(line: ErrorLine) -> dict[str, str]:
     }
 
 
-def _failure(row: Row) -> dict[str, str]:
+def _failure(row: ResultRow) -> dict[str, str]:
     error = row.error or {}
     return {"name": readable(row.name), "kind": error["name"], "message": readable(error["message"], 400)}

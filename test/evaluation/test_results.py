@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.evaluation import RECORDINGS, Row, add_truths, changes, error_lines, outliers, rows_of, write_tables
+from poise.evaluation import RECORDINGS, ResultRow, add_truths, changes, error_lines, outliers, rows_of, write_tables
 from poise.evaluation.patterns import change_point
 from poise.viewing import write_evaluation_report
 
@@ -21,11 +21,11 @@ def entry(name: str, answer: dict | None = None, **more: object) -> dict:
     return {"name": name, "size": 1, "modified": APRIL, "answer": answer, "error": None} | more
 
 
-def row(name: str, value: float, day: float = 0.0, group: str = "", column: str = "mass") -> Row:
-    return Row(name, group, APRIL + day * DAY, None, {column: value})
+def row(name: str, value: float, day: float = 0.0, group: str = "", column: str = "mass") -> ResultRow:
+    return ResultRow(name, group, APRIL + day * DAY, None, {column: value})
 
 
-def fleet(seed: int, doubled: bool) -> list[Row]:
+def fleet(seed: int, doubled: bool) -> list[ResultRow]:
     """Ten robots, a recording on each of 60 days; the friction of robot 7 may double in May."""
     rng = np.random.default_rng(seed)
     rows = []
@@ -88,7 +88,7 @@ def test_truth_files_give_errors_with_coverage_and_the_share_of_equal_words(tmp_
         error = rng.normal(0, 0.1)
         name = str(tmp_path / f"run_{number}.mcap")
         cells = {"mass": 2.0 + error, "mass_std": 0.1, "effects": "hose" if number % 4 else "slip"}
-        rows.append(Row(name, "", APRIL, None, cells))
+        rows.append(ResultRow(name, "", APRIL, None, cells))
         (tmp_path / f"run_{number}.truth.yaml").write_text("mass: 2.0\neffects: [hose]\nunknown: 1\n")
     add_truths(rows, RECORDINGS)
     mass, effects = error_lines(rows)
@@ -166,7 +166,11 @@ def test_chance_alone_makes_few_changes(kind: str) -> None:
 
 
 def test_tables_hold_every_row_and_no_formula_for_spreadsheets(tmp_path: Path) -> None:
-    rows = [row("a", 1.25), row("b", 2.0), Row("c", "", APRIL, {"name": "EMPTY", "message": "=1+1"}, {"word": "=2+2"})]
+    rows = [
+        row("a", 1.25),
+        row("b", 2.0),
+        ResultRow("c", "", APRIL, {"name": "EMPTY", "message": "=1+1"}, {"word": "=2+2"}),
+    ]
     written = write_tables(tmp_path, rows)
     with written[0].open(newline="") as file:
         lines = list(csv.DictReader(file))
@@ -181,7 +185,7 @@ def test_tables_hold_every_row_and_no_formula_for_spreadsheets(tmp_path: Path) -
 
 def test_the_page_shows_changes_then_outliers_then_distributions_and_failures(tmp_path: Path) -> None:
     rows = fleet(2, doubled=True)
-    rows.append(Row("robot_3/<b>.mcap", "robot_3", APRIL, {"name": "EMPTY", "message": "no <i>messages</i>"}, {}))
+    rows.append(ResultRow("robot_3/<b>.mcap", "robot_3", APRIL, {"name": "EMPTY", "message": "no <i>messages</i>"}, {}))
     rows[5].cells[FRICTION] = 9.0
     found, changed = outliers(rows, [FRICTION]), changes(rows, [FRICTION])
     path = write_evaluation_report(tmp_path, "mismatch", rows, [FRICTION], found, changed, [], command="x")

@@ -13,23 +13,33 @@ from pathlib import Path
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.evaluation import Journal, Limits, Source, Task, cluster_pool, local_pool, run, this_build, unanswered
-from poise.evaluation.running import Pool
+from poise.evaluation import (
+    DataSource,
+    Journal,
+    WorkerLimits,
+    WorkerTask,
+    cluster_pool,
+    local_pool,
+    run,
+    this_build,
+    unanswered,
+)
+from poise.evaluation.running import WorkerPool
 
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 HEADING = {"job": "identify", "arguments": ["--method", "static"], "build": this_build()}
 
 
-def task_of(source: Source, seconds: float = 60.0) -> Task:
-    return Task("identify", (), source.name, "/", Limits(seconds, 0), this_build(), FAKE)
+def task_of(source: DataSource, seconds: float = 60.0) -> WorkerTask:
+    return WorkerTask("identify", (), source.name, "/", WorkerLimits(seconds, 0), this_build(), FAKE)
 
 
-def quick(source: Source) -> Task:
+def quick(source: DataSource) -> WorkerTask:
     return task_of(source, 1.0)
 
 
-def sources(folder: Path, *names: str) -> list[Source]:
-    return [Source(str(folder / name), 1, 1.0) for name in names]
+def sources(folder: Path, *names: str) -> list[DataSource]:
+    return [DataSource(str(folder / name), 1, 1.0) for name in names]
 
 
 def replies(folder: Path) -> dict[str, dict]:
@@ -82,7 +92,7 @@ def test_a_later_run_answers_what_is_missing_what_changed_and_on_request_what_fa
     first = sources(tmp_path, "deadly", "run_1", "run_2")
     with Journal(tmp_path, HEADING) as journal, local_pool(1) as pool:
         run(first, task_of, pool, journal)
-    changed = Source(str(tmp_path / "run_2"), 2, 7.0)
+    changed = DataSource(str(tmp_path / "run_2"), 2, 7.0)
     later = [*first[:2], changed, *sources(tmp_path, "run_3")]
     with Journal(tmp_path, HEADING) as journal:
         assert unanswered(later, journal, retry=False) == later[2:]
@@ -207,7 +217,7 @@ def test_a_pool_that_is_lost_while_nothing_finishes_ends_the_run(
 ) -> None:
     monkeypatch.setattr("poise.evaluation.running._PATIENCE", 0.05)
     with Journal(tmp_path, HEADING) as journal, local_pool(1) as pool:
-        lost = Pool(pool.executor, pool.answer, 1, lambda: "the scheduler is lost")
+        lost = WorkerPool(pool.executor, pool.answer, 1, lambda: "the scheduler is lost")
         with pytest.raises(InputError, match="the scheduler is lost; what was answered is kept"):
             run(sources(tmp_path, "endless"), task_of, lost, journal)
 

@@ -7,7 +7,7 @@ import pytest
 
 from poise.commands.evaluate import groups_of, labels
 from poise.errors import ErrorCode, InputError
-from poise.evaluation import JOBS, RECORDINGS, Source, find_sources
+from poise.evaluation import JOBS, RECORDINGS, DataSource, find_sources
 
 SCENES = JOBS["robustness"].kind
 
@@ -78,7 +78,7 @@ def test_urls_give_files_folders_globs_and_members_of_an_archive(fleet: Path) ->
 
 
 def test_sources_are_grouped_by_folder_or_by_an_expression() -> None:
-    sources = [Source(f"/data/{robot}/2026/run_{robot}.mcap") for robot in ("ur_1", "ur_2")]
+    sources = [DataSource(f"/data/{robot}/2026/run_{robot}.mcap") for robot in ("ur_1", "ur_2")]
     assert set(groups_of(sources, None).values()) == {"2026"}
     assert list(groups_of(sources, r"/(ur_\d)/").values()) == ["ur_1", "ur_2"]
     for pattern in ("(", "ur"):
@@ -87,6 +87,6 @@ def test_sources_are_grouped_by_folder_or_by_an_expression() -> None:
 
 
 def test_labels_of_sources_differ_and_fit_into_file_names() -> None:
-    sources = [Source(name) for name in ("/data/a/run.mcap", "/data/b/run.mcap", "/data/b/x y.mcap")]
+    sources = [DataSource(name) for name in ("/data/a/run.mcap", "/data/b/run.mcap", "/data/b/x y.mcap")]
     assert list(labels(sources).values()) == ["a_run", "b_run", "b_x_y"]
     assert list(labels(sources[:1]).values()) == ["run"]
