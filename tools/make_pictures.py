@@ -95,7 +95,7 @@ def main() -> None:
     save("directions", [figures.sphere_panel(static), figures.sphere_panel(motion)], columns=2)
     save("excitation", swing(), columns=2)
     save("mismatch_emps", emps_panels(), columns=2)
-    save("tutorial_arm", arm_panels(), columns=3)
+    save("tutorial_arm", arm_panels(), columns=2)
     with tempfile.TemporaryDirectory() as folder:
         page = write_identification_report(
             Path(folder),
