@@ -25,6 +25,7 @@ exclude_patterns = ["scenes", "pictures"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_fence_as_directive = ["mermaid"]
 myst_heading_anchors = 4
+smartquotes = False  # two hyphens of an option stay two
 nb_execution_mode = "off"  # test/test_notebooks.py executes them; the site shows the outputs that are stored in them
 suppress_warnings = ["myst.header", "misc.highlighting_failure", "ref.python"]
 

@@ -196,22 +196,31 @@ def example_of(each: PublicName) -> Example | None:
 
 
 def python_pages() -> dict[str, str]:
-    """A page in reStructuredText for each room."""
-    pages = {}
-    for face, names in public_names().items():
-        room = importlib.import_module(face)
-        parts = [f"{face}\n{'=' * len(face)}\n", plain(inspect.getdoc(room) or ""), ""]
-        handwritten = ROOT / "docs" / "reference" / "examples" / f"{face}.py"
-        if handwritten.exists():
-            parts.append(f".. literalinclude:: ../examples/{face}.py\n   :language: python\n   :lines: 3-\n")
-        for each in names:
-            parts.append(_entry(each))
+    """A page in reStructuredText for each room: what it documents, and links to what its inner rooms do."""
+    pages, inner = {}, _documented_inside()
+    for face in faces():
+        parts = [f"{face}\n{'=' * len(face)}\n", plain(inspect.getdoc(importlib.import_module(face)) or ""), ""]
+        if inner[face]:
+            parts += ["Documented with the room that each name comes from:", ""]
+            parts += [f"- :py:obj:`{each.name} <{each.face}.{each.name}>` ({each.face})" for each in inner[face]]
+            parts.append("")
+        parts += [_entry(each) for each in public_names().get(face, ())]
         pages[f"python/{face}.rst"] = "\n".join(parts)
-    rows = "\n".join(f"   {face}" for face in public_names())
+    rows = "\n".join(f"   {face}" for face in faces())
     title = "Python\n======\n"
     text = "Each room of the package is a page; `import poise` has one function for each job."
     pages["python/index.rst"] = f"{title}\n{text}\n\n.. toctree::\n   :maxdepth: 1\n\n{rows}\n"
     return pages
+
+
+def _documented_inside() -> dict[str, list[PublicName]]:
+    """The names of each room that another one documents."""
+    found: dict[str, list[PublicName]] = {face: [] for face in faces()}
+    for names in public_names().values():
+        for each in names:
+            for room in each.also:
+                found[room].append(each)
+    return {face: sorted(names, key=lambda each: each.name.lower()) for face, names in found.items()}
 
 
 def _entry(each: PublicName) -> str:
