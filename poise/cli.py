@@ -20,7 +20,7 @@ INTERNAL_ERROR = 1
 
 COMMANDS = {
     "identify": ("identify", "Estimate mass, centre of mass and inertia of the payload on a force-torque sensor."),
-    "evaluate": ("evaluate", "Identify the payload of every recording in a folder and compare the results."),
+    "evaluate": ("evaluate", "Run a job over many recordings, clouds or scenes and compare the results."),
     "excite": ("excite", "Plan a slow joint motion that reveals the inertial parameters of the payload."),
     "scan": ("scan", "Reconstruct an object on a table from a camera sweep and segment it into parts."),
     "calibrate": ("calibrate", "Estimate where a camera sits on the hand, and the zero offsets of the joints."),

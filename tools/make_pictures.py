@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib
-from mismatch_pictures import emps_panels, mismatch_pictures
+from mismatch_pictures import arm_panels, emps_panels, mismatch_pictures
 
 from poise.assembly import Analysis, acceleration_limits, assess, load_scene, robustness_map
 from poise.commands.assembly import read_pushes
@@ -95,6 +95,7 @@ def main() -> None:
     save("directions", [figures.sphere_panel(static), figures.sphere_panel(motion)], columns=2)
     save("excitation", swing(), columns=2)
     save("mismatch_emps", emps_panels(), columns=2)
+    save("tutorial_arm", arm_panels(), columns=2)
     with tempfile.TemporaryDirectory() as folder:
         page = write_identification_report(
             Path(folder),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
+from poise.notebooks import html_table
 from poise.recording import decoding
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.cdr import Batch, UndecodableError, decode
@@ -116,9 +117,19 @@ class Recording:
         for topic, count in zip(self._topics, found, strict=True):
             self.counts[topic.name] += int(count)
 
+    @property
+    def newest(self) -> int:
+        """The log time of the last message, ns."""
+        return max(int(block.messages["log_time"].max()) for block, _ in self._blocks if len(block.messages))
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
         return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
+
+    def _repr_html_(self) -> str:
+        """Topics with their types and counts, and what is wrong with the bag, for notebooks."""
+        rows = [(name, kind, self.counts[name]) for name, kind in self.topics.items()]
+        return html_table(str(self.path), ("topic", "type", "messages"), rows, [loss.sentence for loss in self.losses])
 
     def _add_file(self, contents: Contents[Any]) -> None:
         number_by_channel = np.zeros(1 << 16, dtype=np.int64)

@@ -43,6 +43,7 @@ from poise.mismatch.inference import (
 )
 from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, without
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
+from poise.notebooks import html_table
 from poise.types import Array, Mask
 
 _FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
@@ -126,6 +127,14 @@ class Diagnosis:
     def __repr__(self) -> str:
         named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
         return f"Diagnosis({self.verdict}{': ' if named else ''}{', '.join(named)}, {self.seconds:.1f} s)"
+
+    def _repr_html_(self) -> str:
+        """The named effects with their probabilities, and the proof, for notebooks."""
+        rows = [(each.effect.name, f"{each.belief.probability:.1%}", each.sentence) for each in self.findings]
+        proof = self.main.proof
+        errors = f"{proof.as_given:.2f} as given, {proof.augmented:.2f} with the effects"
+        note = f"Held-out error, in units of the noise: {errors}."
+        return html_table(f"Verdict: {self.verdict}", ("effect", "probability", ""), rows, [note])
 
     @property
     def main(self) -> SignalDiagnosis:

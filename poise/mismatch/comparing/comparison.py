@@ -14,6 +14,7 @@ from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
 from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
 from poise.mismatch.recorded import RecordedMotion
+from poise.notebooks import html_table
 
 _NEAR = 0.1
 """rad or m, the largest distance of postures that count as the same."""
@@ -94,6 +95,15 @@ class Comparison:
     alignment: Alignment
     notes: tuple[str, ...]
     seconds: float
+
+    def _repr_html_(self) -> str:
+        """What changed, and in which recording it is, for notebooks."""
+        rows = [
+            (each.finding.effect.name, each.present_in, f"{each.finding.belief.probability:.1%}", each.sentence)
+            for each in self.changes
+        ]
+        headings = ("changed", "present in", "probability", "")
+        return html_table(f"Verdict: {self.verdict}", headings, rows, self.notes)
 
     @property
     def verdict(self) -> Verdict:

@@ -100,7 +100,7 @@ class EffectParameter:
 class Effect(ABC):
     """Physics that the nominal model leaves out.
 
-    Class attributes:
+    Attributes:
         name: as in the answer, snake_case.
         layer: its place in the chain from joints to reading.
         signal: "wrench", or "effort" for what acts on joint efforts: responses are then (M, J) at the samples of
