@@ -16,6 +16,7 @@ from poise.commands.mismatch_export import (
     IntoOption,
     PayloadLinkOption,
     read_model_exports,
+    with_payload_link,
     write_model_exports,
 )
 from poise.commands.output import (
@@ -112,7 +113,7 @@ def mismatch(
     """
     refuse_folder(json_target, "--json")
     exports = read_model_exports(export, into)
-    nominal = NominalModel() if model is None else load_model(model)
+    nominal = NominalModel() if model is None else with_payload_link(load_model(model), payload_link)
     readings = read_with_warnings(bags, nominal)
     recorded, last = joined([reading.recorded for reading in readings])
     if not (recorded.has("wrench") or recorded.has("effort")):

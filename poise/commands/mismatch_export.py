@@ -1,20 +1,20 @@
 """`poise mismatch --export KIND:FILE`: what was found, written into the user's own model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from poise.commands.exports import fixed_pose, robot_description
+from poise.commands.exports import fixed_pose
 from poise.commands.output import refuse_folder, warn
 from poise.errors import ErrorCode, InputError
 from poise.exporting.models import JointChange, LinkLoad, ModelChanges, all_model_exporters, model_exporter_of
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application import found_payload, joint_values, without_place
-from poise.mismatch.reading import NominalModel
+from poise.mismatch.reading import NominalModel, nominal_description
 from poise.recording import Recording, open_recording
 
 ExportModelOption = Annotated[
@@ -87,6 +87,13 @@ def read_model_exports(texts: Sequence[str] | None, into: Sequence[Path] | None)
     return found
 
 
+def with_payload_link(model: NominalModel, payload_link: str | None) -> NominalModel:
+    """The nominal model of a simulator, of which a link that the command line names is the payload."""
+    if payload_link is None or model.simulator is None or model.payload_link is not None or model.phi is not None:
+        return model
+    return replace(model, payload_link=payload_link.partition("=")[0])
+
+
 def write_model_exports(
     requests: Sequence[ModelExport], found: Diagnosis, bag: Path, nominal: NominalModel, payload_link: str | None
 ) -> list[Path]:
@@ -109,7 +116,7 @@ def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -
     if not model_exporter_of(request.kind).needs_source:
         return b""
     if request.source is None:
-        return robot_description(recording, nominal.urdf).encode()
+        return nominal_description(nominal, recording.robot_description).encode()
     try:
         return request.source.read_bytes()
     except OSError as error:
@@ -125,6 +132,6 @@ def _changes(found: Diagnosis, recording: Recording, nominal: NominalModel, payl
         return ModelChanges(joints, None, tuple(left_out))
     link, _, frame = payload_link.partition("=")
     sensor = found.main.problem.model.sensor_frame or ""
-    description = robot_description(recording, nominal.urdf)
+    description = nominal_description(nominal, recording.robot_description)
     pose = fixed_pose(f"--payload-link {payload_link}", frame or link, sensor, recording, description)
     return ModelChanges(joints, LinkLoad(link, payload.in_frame(pose.rotation, pose.translation)), tuple(left_out))

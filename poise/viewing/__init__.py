@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from poise.viewing.parts_picture import draw_parts
     from poise.viewing.report import write_identification_report
     from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing.rollout_report import rollout_rows, write_rollout_report
     from poise.viewing.summary import parameter_rows
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "mechanism_panel",
     "parameter_rows",
     "readable",
+    "rollout_rows",
     "rounded",
     "transfer_panel",
     "write_assembly_recording",
@@ -47,6 +49,7 @@ __all__ = [
     "write_mismatch_report",
     "write_mismatch_scene",
     "write_picture",
+    "write_rollout_report",
 ]
 
 _FILES = {
@@ -56,6 +59,7 @@ _FILES = {
     "loop_rows": "loop_report",
     "loop_sentences": "loop_report",
     "parameter_rows": "summary",
+    "rollout_rows": "rollout_report",
     "transfer_panel": "carrying_figures",
     "write_assembly_recording": "assembly_recording",
     "write_identification_recording": "rerun_scene",
@@ -64,6 +68,7 @@ _FILES = {
     "write_mismatch_report": "mismatch_report",
     "write_mismatch_scene": "mismatch_scene",
     "write_picture": "canvas",
+    "write_rollout_report": "rollout_report",
 }
 
 

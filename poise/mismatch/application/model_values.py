@@ -29,7 +29,8 @@ def joint_values(found: Diagnosis) -> dict[str, dict[str, float]]:
 
     Those of the nominal model and of the likely findings, added.
     """
-    joints = numbered_joints(found.main.problem.recorded)
+    recorded = found.main.problem.recorded
+    joints = numbered_joints(recorded)
     values: dict[str, dict[str, float]] = {}
     for effect in _effects(found):
         for parameter, value in effect.values.items():
@@ -38,6 +39,10 @@ def joint_values(found: Diagnosis) -> dict[str, dict[str, float]]:
             if kind is not None:
                 of_joint = values.setdefault(joints[int(number)], {})
                 of_joint[kind] = of_joint.get(kind, 0.0) + value
+    stated = () if recorded.effort is None else zip(recorded.effort.names, recorded.effort.stated, strict=False)
+    for joint, physics in stated:
+        for kind in values.get(joint, {}):
+            values[joint][kind] = max(values[joint][kind] + getattr(physics, kind), 0.0)
     return values
 
 

@@ -1,9 +1,11 @@
 """From a recording and model.yaml to a recorded motion with the prediction of the nominal model."""
 
+from poise.mismatch.reading.commands import recorded_commands
 from poise.mismatch.reading.joining import joined, spans, with_common_efforts, without
+from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.load_on_efforts import acting_on_efforts, on_efforts, with_rest
-from poise.mismatch.reading.measured_streams import MeasuredStreams
+from poise.mismatch.reading.measured_streams import MeasuredStreams, holds
 from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
     ModelEffect,
@@ -15,6 +17,7 @@ from poise.mismatch.reading.nominal_model import (
 )
 from poise.mismatch.reading.payload import identified
 from poise.mismatch.reading.recordings import ReadRecording, read_recording, read_streams
+from poise.mismatch.reading.simulator import nominal_description
 
 __all__ = [
     "MeasuredStreams",
@@ -28,14 +31,18 @@ __all__ = [
     "dump_model",
     "effect_of",
     "effort_track",
+    "holds",
     "identified",
     "joined",
     "load_model",
+    "nominal_description",
     "on_efforts",
     "parse_model",
     "read_recording",
     "read_streams",
+    "recorded_commands",
     "recorded_from_motion",
+    "seconds_since",
     "spans",
     "with_common_efforts",
     "with_model_effects",

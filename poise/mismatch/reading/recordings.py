@@ -17,10 +17,16 @@ from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, reco
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
 from poise.mismatch.reading.sanity import check_frame_motion, check_motion, check_wrench, without_spikes
+from poise.mismatch.reading.simulator import (
+    nominal_description,
+    sensor_frame_of,
+    with_simulator,
+    with_stated_physics,
+)
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot import RobotModel, chains, find_urdf, read_urdf, robot_of
+from poise.robot import RobotModel, chains, robot_of
 from poise.types import Array
 
 
@@ -103,8 +109,9 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     if wrench is not None:
         wrench, notes = usable(wrench)
         losses += notes
-    text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
+    text = nominal_description(model, streams.description)
     joints, robot, odometry = _robot(streams, model, text)
+    model = with_simulator(model, robot)
     frame = robot.sensor_frame
     joints, notes = usable_joints(joints, alone=wrench is None)
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
@@ -115,6 +122,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
+    recorded = with_stated_physics(recorded, model)
     findings = [*_held(model, robot, text, streams), *findings]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
@@ -209,7 +217,7 @@ def _robot(
     streams: MeasuredStreams, model: NominalModel, text: str
 ) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """Joint states with a robot that they move; odometry when the root of that robot moves."""
-    frame = model.sensor_frame
+    frame = sensor_frame_of(model, None if streams.wrench is None else streams.wrench.frame_id)
     if frame is None and streams.wrench is not None:
         frame = streams.wrench.frame_id or "ft_sensor"
     try:

@@ -1,0 +1,21 @@
+"""Free runs of a MuJoCo model from recorded states, under recorded commands or efforts, in windows.
+
+- `recorded_run`: `RecordedRun`, what of a recording a free run needs.
+- `free_arm`: a MuJoCo model of which the recorded joints alone move, and its inputs.
+- `windows`: the windows of a recording, run together, and their errors.
+"""
+
+from poise.simulation.rollout.free_arm import FreeArm, InputKind
+from poise.simulation.rollout.recorded_run import RecordedRun
+from poise.simulation.rollout.windows import FreeRun, HorizonErrors, RolloutOptions, rolled_out, share_removed
+
+__all__ = [
+    "FreeArm",
+    "FreeRun",
+    "HorizonErrors",
+    "InputKind",
+    "RecordedRun",
+    "RolloutOptions",
+    "rolled_out",
+    "share_removed",
+]
