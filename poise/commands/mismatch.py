@@ -11,13 +11,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
+from poise.commands.mismatch_drives import drives_json, print_drives
 from poise.commands.mismatch_export import (
     ExportModelOption,
     IntoOption,
     PayloadLinkOption,
+    prepared_exports,
     read_model_exports,
     with_payload_link,
-    write_model_exports,
 )
 from poise.commands.output import (
     BAG_HELP,
@@ -31,8 +32,10 @@ from poise.commands.output import (
 )
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, NamedEffect, Quantity, diagnose
+from poise.mismatch.application import found_drives
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
+from poise.simulation.rollout import DriveEstimate
 from poise.viewing import readable, rounded
 
 _MISSED = 1.5
@@ -116,13 +119,20 @@ def mismatch(
     nominal = NominalModel() if model is None else with_payload_link(load_model(model), payload_link)
     readings = read_with_warnings(bags, nominal)
     recorded, last = joined([reading.recorded for reading in readings])
+    people = console(json_target)
     if not (recorded.has("wrench") or recorded.has("effort")):
-        write_json(json_target, _unexamined(readings))
-        console(json_target).print(_UNEXAMINED)
+        drives = _drives(bags[0], readings[0], None)
+        planned = prepared_exports(exports, None, drives, bags[0], readings[0], payload_link)
+        write_json(json_target, _unexamined(readings) | drives_json(drives, planned))
+        people.print(_UNEXAMINED)
+        print_drives(people, drives)
+        print_written(people, planned.write())
         return
     with progress_bar("searching for effects") as progress:
         last_one = last if last.any() else None
         found = diagnose(recorded, readings[0].model, last_one, deadline=deadline, progress=progress)
+    drives = _drives(bags[0], readings[0], found)
+    planned = prepared_exports(exports, found, drives, bags[0], readings[0], payload_link)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
@@ -130,13 +140,23 @@ def mismatch(
     times = spans([reading.recorded for reading in readings])
     recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
     more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
-    write_json(json_target, as_json(found, readings) | more)
-    people = console(json_target)
+    write_json(json_target, as_json(found, readings) | more | drives_json(drives, planned))
     print_answer(people, found)
+    print_drives(people, drives)
     if separate is not None:
         people.print(design_sentence(design), soft_wrap=True)
     print_recordings(people, found, recordings)
-    written += write_model_exports(exports, found, bags[0], nominal, payload_link)
+    print_written(people, [*written, *planned.write()])
+
+
+def _drives(bag: Path, reading: ReadRecording, found: Diagnosis | None) -> tuple[DriveEstimate, ...]:
+    """The drives of a simulator's model, fitted to the commands of the first recording."""
+    with progress_bar("fitting drives") as progress:
+        return found_drives(open_recording(bag), reading, found, progress)
+
+
+def print_written(people: Console, written: list[Path]) -> None:
+    """The files, one a line."""
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 

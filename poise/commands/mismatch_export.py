@@ -9,13 +9,24 @@ import typer
 
 from poise.commands.exports import fixed_pose
 from poise.commands.output import refuse_folder, warn
-from poise.errors import ErrorCode, InputError
-from poise.exporting.models import JointChange, LinkLoad, ModelChanges, all_model_exporters, model_exporter_of
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.exporting.models import (
+    DriveChange,
+    JointChange,
+    LinkLoad,
+    ModelChanges,
+    SensorChange,
+    WrittenModel,
+    all_model_exporters,
+    model_exporter_of,
+)
 from poise.files import write_whole
+from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis
-from poise.mismatch.application import found_payload, joint_values, without_place
-from poise.mismatch.reading import NominalModel, nominal_description
+from poise.mismatch.application import found_payload, found_sensor, joint_values, without_place
+from poise.mismatch.reading import NominalModel, ReadRecording, nominal_description
 from poise.recording import Recording, open_recording
+from poise.simulation.rollout import DriveEstimate
 
 ExportModelOption = Annotated[
     list[str] | None,
@@ -94,22 +105,61 @@ def with_payload_link(model: NominalModel, payload_link: str | None) -> NominalM
     return replace(model, payload_link=payload_link.partition("=")[0])
 
 
-def write_model_exports(
-    requests: Sequence[ModelExport], found: Diagnosis, bag: Path, nominal: NominalModel, payload_link: str | None
-) -> list[Path]:
-    """Write every request, or nothing when one of them cannot be; return the files.
+@dataclass(frozen=True)
+class PreparedExports:
+    """What `--export` will write; or why nothing can be written.
 
-    Raises:
-        PoiseError: as `ModelExporter.changed` and `found_payload`; FRAME_UNKNOWN; FILE_UNREADABLE, FILE_UNWRITABLE.
+    Args:
+        files: target, content and what is not in it.
+        kinds: of the files.
+        error: that ends the command after the answer is printed.
     """
+
+    files: tuple[tuple[Path, WrittenModel], ...] = ()
+    kinds: tuple[str, ...] = ()
+    error: PoiseError | None = None
+
+    def as_json(self) -> list[dict[str, object]]:
+        """For the answer."""
+        return [
+            {"kind": kind, "file": str(target), "not_written": list(made.left_out)}
+            for kind, (target, made) in zip(self.kinds, self.files, strict=True)
+        ]
+
+    def write(self) -> list[Path]:
+        """Write every file, or none.
+
+        Raises:
+            PoiseError: see `error`; FILE_UNWRITABLE.
+        """
+        if self.error is not None:
+            raise self.error
+        for clause in dict.fromkeys(clause for _, made in self.files for clause in made.left_out):
+            warn(f"--export does not write {clause}")
+        return [write_whole(target, made.content) for target, made in self.files]
+
+
+def prepared_exports(
+    requests: Sequence[ModelExport],
+    found: Diagnosis | None,
+    drives: Sequence[DriveEstimate],
+    bag: Path,
+    reading: ReadRecording,
+    payload_link: str | None,
+) -> PreparedExports:
+    """Every request with what was found, before anything is written."""
     if not requests:
-        return []
-    recording = open_recording(bag)
-    changes = _changes(found, recording, nominal, payload_link)
-    texts = [model_exporter_of(each.kind).changed(changes, _source(each, recording, nominal)) for each in requests]
-    for clause in changes.left_out:
-        warn(f"--export does not write {clause}")
-    return [write_whole(request.target, text) for request, text in zip(requests, texts, strict=True)]
+        return PreparedExports()
+    try:
+        recording = open_recording(bag)
+        changes = _changes(found, drives, recording, reading, payload_link)
+        made = [
+            model_exporter_of(each.kind).changed(changes, _source(each, recording, reading.model)) for each in requests
+        ]
+    except PoiseError as error:
+        return PreparedExports(error=error)
+    targets = [each.target for each in requests]
+    return PreparedExports(tuple(zip(targets, made, strict=True)), tuple(each.kind for each in requests))
 
 
 def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -> bytes:
@@ -123,15 +173,41 @@ def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -
         raise InputError(ErrorCode.FILE_UNREADABLE, f"--into {request.source}: {error.strerror}") from error
 
 
-def _changes(found: Diagnosis, recording: Recording, nominal: NominalModel, payload_link: str | None) -> ModelChanges:
-    joints = {joint: JointChange(**values) for joint, values in joint_values(found).items()}
-    left_out, payload = without_place(found), found_payload(found)
+def _changes(
+    found: Diagnosis | None,
+    drives: Sequence[DriveEstimate],
+    recording: Recording,
+    reading: ReadRecording,
+    payload_link: str | None,
+) -> ModelChanges:
+    fitted = {each.joint: {name: value.value for name, value in each.values.items()} for each in drives if each.kept}
+    moved = {joint: DriveChange(values.get("gain"), values.get("delay")) for joint, values in fitted.items()}
+    of_joints: dict[str, dict[str, float]] = {
+        joint: {name: values[name] for name in ("friction", "damping", "armature") if name in values}
+        for joint, values in fitted.items()
+    }
+    reason = "its fit does not predict other windows better"
+    worse = [f"the drive of {each.joint}: {reason}" for each in drives if not each.kept]
+    if found is None:
+        joints = {joint: JointChange(**values) for joint, values in of_joints.items()}
+        return ModelChanges(joints, None, tuple(worse), moved)
+    for joint, values in joint_values(found).items():
+        of_joints[joint] = of_joints.get(joint, {}) | values
+    joints = {joint: JointChange(**values) for joint, values in of_joints.items()}
+    left_out, payload = [*without_place(found), *worse], found_payload(found)
+    frame = reading.model.sensor_frame or ""
+    shown = found_sensor(found)
+    sensor = SensorChange(frame, **shown) if shown else None
     if payload is not None and payload_link is None:
         left_out.append("the payload: name its link with --payload-link")
-    if payload is None or payload_link is None:
-        return ModelChanges(joints, None, tuple(left_out))
+    load = None if payload is None or payload_link is None else _load(payload, payload_link, frame, recording, reading)
+    return ModelChanges(joints, load, tuple(left_out), moved, sensor)
+
+
+def _load(
+    payload: InertialParameters, payload_link: str, sensor: str, recording: Recording, reading: ReadRecording
+) -> LinkLoad:
     link, _, frame = payload_link.partition("=")
-    sensor = found.main.problem.model.sensor_frame or ""
-    description = nominal_description(nominal, recording.robot_description)
+    description = nominal_description(reading.model, recording.robot_description)
     pose = fixed_pose(f"--payload-link {payload_link}", frame or link, sensor, recording, description)
-    return ModelChanges(joints, LinkLoad(link, payload.in_frame(pose.rotation, pose.translation)), tuple(left_out))
+    return LinkLoad(link, payload.in_frame(pose.rotation, pose.translation))

@@ -1,6 +1,7 @@
 """What a diagnosis says of the joints and the payload, as values that simulators and robot descriptions have."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,9 @@ _VALUES = {
     ("viscous_friction", "damping"): "damping",
     ("motor_inertia", "inertia"): "armature",
 }
+_OF_SENSORS = {"sensor_rotation", "saturation", "clock_offset"}
+_NO_LIMIT = 1e4
+"""N and N m from which a sensor does not saturate."""
 _LOST = {"stribeck_friction": "the stiction at low speed", "coulomb_friction": "the asymmetry and width"}
 
 
@@ -68,9 +72,31 @@ def found_payload(found: Diagnosis) -> InertialParameters | None:
     return InertialParameters(load.mass, load.com, inertia)
 
 
+def found_sensor(found: Diagnosis) -> dict[str, Any]:
+    """What the wrench shows of its sensor: the fields of a `SensorChange` but the frame; empty without a wrench.
+
+    The noise is that of the recording; rotation, saturation and lateness are those of likely findings.
+    """
+    examined = next((each for each in found.examinations if each.problem.signal == "wrench"), None)
+    if examined is None:
+        return {}
+    values: dict[str, Any] = {}
+    for name, channels in (("force_noise", slice(0, 3)), ("torque_noise", slice(3, 6))):
+        values[name] = float(np.sqrt(np.mean(examined.problem.noise.sigma[channels] ** 2)))
+    for effect in _effects(found):
+        if effect.name == "sensor_rotation":
+            values["turn"] = np.array([effect.values[f"rotation_{axis}"] for axis in "xyz"])
+        elif effect.name == "saturation":
+            limits = {f"{name}_limit": effect.values[f"{name}_limit"] for name in ("force", "torque")}
+            values |= {name: limit for name, limit in limits.items() if limit < _NO_LIMIT}
+        elif effect.name == "clock_offset":
+            values["delay"] = effect.values["offset"]
+    return values
+
+
 def without_place(found: Diagnosis) -> list[str]:
     """What of the answer is neither a value of a joint nor the payload, or is too uncertain, as clauses."""
-    known = {effect for effect, _ in _VALUES}
+    known = {effect for effect, _ in _VALUES} | _OF_SENSORS
     clauses = [
         f"{each.effect.name}, whose probability is {each.belief.probability:.0%}"
         for each in found.findings

@@ -1,8 +1,8 @@
 """A MuJoCo model of which the recorded joints alone move, driven by recorded commands or efforts."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
@@ -147,6 +147,42 @@ class FreeArm:
                 found.setdefault(site, {})[what] = int(self.model.sensor_adr[s])
         sites = [site for site, both in found.items() if len(both) == 2 and (site == frame or len(found) == 1)]
         return (found[sites[0]]["force"], found[sites[0]]["torque"]) if sites and self.run.wrench is not None else None
+
+    @property
+    def drives(self) -> tuple[JointDrive | None, ...]:
+        """(J) the drives that take recorded commands; None where efforts move the joint."""
+        return tuple(each.drive for each in self._inputs)
+
+    def recorded(self, seconds: Array) -> Array:
+        """(..., J) the recorded positions of `joints`."""
+        return self.run.position_at(seconds)[..., self._columns]
+
+    def drive_values(self) -> dict[str, Array]:
+        """By name, (J) values of the drives and of the joints behind them; NaN without a drive."""
+        drives = [each.drive or JointDrive("", "effort", np.nan, delay=np.nan) for each in self._inputs]
+        return {
+            "gain": np.array([each.gain * each.gear**2 for each in drives]),
+            "delay": np.array([each.delay for each in drives]),
+            "damping": np.array(self.model.dof_damping[self._rates], dtype=np.float64),
+            "armature": np.array(self.model.dof_armature[self._rates], dtype=np.float64),
+            "friction": np.array(self.model.dof_frictionloss[self._rates], dtype=np.float64),
+        }
+
+    def set_drives(self, values: Mapping[str, Array]) -> None:
+        """Give position drives other values, as `drive_values` has them."""
+        joints = {"damping": "dof_damping", "armature": "dof_armature", "friction": "dof_frictionloss"}
+        for name, array in joints.items():
+            if name in values:
+                getattr(self.model, array)[self._rates] = values[name]
+        for j, each in enumerate(self._inputs):
+            if each.drive is None or each.actuator is None:
+                continue
+            gain = float(values["gain"][j]) / each.drive.gear**2 if "gain" in values else each.drive.gain
+            delay = float(values["delay"][j]) if "delay" in values else each.drive.delay
+            self.model.actuator_gainprm[each.actuator][0] = gain
+            self.model.actuator_biasprm[each.actuator][1] = -gain
+            self._inputs[j] = replace(each, drive=replace(each.drive, gain=gain, stiffness=gain, delay=delay))
+        self._mujoco.mj_setConst(self.model, self._mujoco.MjData(self.model))
 
     @property
     def feels(self) -> bool:

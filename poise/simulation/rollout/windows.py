@@ -95,8 +95,7 @@ def rolled_out(arm: FreeArm, options: RolloutOptions) -> FreeRun:
         starts = window_starts(begin, end, horizon, options.windows)
         seconds, position, wrench = arm.positions(starts, horizon)
         at = starts[:, None] + seconds
-        columns = [arm.run.names.index(name) for name in arm.joints]
-        recorded = arm.run.position_at(at)[..., columns]
+        recorded = arm.recorded(at)
         off = np.minimum(np.nan_to_num(np.abs(position - recorded), nan=_DIVERGED), _DIVERGED)
         error = _of_wrench(wrench, arm.run.wrench_at(at))
         gone = int(np.isnan(position).any(axis=(1, 2)).sum())
