@@ -81,7 +81,7 @@ class SensorChange:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What is given beside the noise, which is no difference: sensor rotation, limit, delay."""
+        """Which of rotation, limit and delay are given; noise is no difference."""
         given = (("turn", self.turn), ("limit", self.force_limit), ("limit", self.torque_limit), ("delay", self.delay))
         return tuple(dict.fromkeys(f"sensor_{name}" for name, value in given if value is not None))
 

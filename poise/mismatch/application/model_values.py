@@ -1,6 +1,6 @@
 """What a diagnosis says of the joints and the payload, as values that simulators and robot descriptions have."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -9,19 +9,12 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.model import InertialParameters
 from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application.known_load import known_load
-from poise.mismatch.effects import numbered_joints
+from poise.mismatch.effects import effect_named, numbered_joints
 from poise.mismatch.reading import ModelEffect
 
 _PAYLOAD = "payload_parameters"
 _LIKELY = 0.5
 """Probability from which a finding changes a model."""
-_VALUES = {
-    ("coulomb_friction", "torque"): "friction",
-    ("stribeck_friction", "torque"): "friction",
-    ("stribeck_friction", "damping"): "damping",
-    ("viscous_friction", "damping"): "damping",
-    ("motor_inertia", "inertia"): "armature",
-}
 _OF_SENSORS = {"sensor_rotation", "saturation", "clock_offset"}
 _NO_LIMIT = 1e4
 """N and N m from which a sensor does not saturate."""
@@ -39,7 +32,7 @@ def joint_values(found: Diagnosis) -> dict[str, dict[str, float]]:
     for effect in _effects(found):
         for parameter, value in effect.values.items():
             name, _, number = parameter.rpartition("_")
-            kind = _VALUES.get((effect.name, name))
+            kind = _of_joint(effect).get(name)
             if kind is not None:
                 of_joint = values.setdefault(joints[int(number)], {})
                 of_joint[kind] = of_joint.get(kind, 0.0) + value
@@ -96,7 +89,6 @@ def found_sensor(found: Diagnosis) -> dict[str, Any]:
 
 def without_place(found: Diagnosis) -> list[str]:
     """What of the answer is neither a value of a joint nor the payload, or is too uncertain, as clauses."""
-    known = {effect for effect, _ in _VALUES} | _OF_SENSORS
     clauses = [
         f"{each.effect.name}, whose probability is {each.belief.probability:.0%}"
         for each in found.findings
@@ -105,9 +97,15 @@ def without_place(found: Diagnosis) -> list[str]:
     for effect in _effects(found):
         if effect.name in _LOST:
             clauses.append(f"{_LOST[effect.name]} of {effect.name}")
-        elif effect.name not in known and effect.name != _PAYLOAD:
+        elif not _of_joint(effect) and effect.name not in (_PAYLOAD, *_OF_SENSORS):
             clauses.append(f"{effect.name}, which is no value of a joint or of the payload")
     return clauses
+
+
+def _of_joint(component: ModelEffect) -> Mapping[str, str]:
+    """The parameters that are values of one joint, and what `JointPhysics` calls them."""
+    effect = effect_named(component.name)
+    return {} if effect is None else effect.of_joint
 
 
 def _effects(found: Diagnosis) -> Iterable[ModelEffect]:

@@ -41,6 +41,7 @@ class CoulombFriction(Effect):
         "backlash",
     )
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

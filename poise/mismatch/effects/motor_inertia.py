@@ -1,5 +1,7 @@
 """Motor inertia: the rotor behind the gear must be accelerated too."""
 
+from typing import ClassVar
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
 from poise.mismatch.recorded import RecordedMotion
@@ -18,6 +20,7 @@ class MotorInertia(Effect):
     separating_motion = "shake joint after joint with the arm folded, then stretched: a link's inertia grows"
     confused_with = ("joint_coupling", "viscous_friction")
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"inertia": "armature"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).acceleration) if recorded.effort is not None else ()

@@ -36,6 +36,7 @@ class StribeckFriction(Effect):
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION}
+    of_joint: ClassVar[dict[str, str]] = {"torque": "friction", "damping": "damping"}
     made_of = ("coulomb_friction", "viscous_friction")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -1,5 +1,7 @@
 """Viscous friction: a joint needs torque in proportion to its speed."""
 
+from typing import ClassVar
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
 from poise.mismatch.recorded import RecordedMotion
@@ -18,6 +20,7 @@ class ViscousFriction(Effect):
     separating_motion = "each joint evenly at five speeds both ways: viscous friction is a line through zero"
     confused_with = ("coulomb_friction", "stribeck_friction", "joint_coupling")
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"damping": "damping"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else ()

@@ -1,6 +1,6 @@
 """From a recording or live streams to a `RecordedMotion`: which streams there are, and what is invalid."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,13 +51,14 @@ class ReadRecording:
     findings: tuple[InputFinding, ...] = ()
 
 
-def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
+def read_recording(recording: Recording, model: NominalModel, called: Mapping[str, str] | None = None) -> ReadRecording:
     """Read a bag.
 
     Args:
         recording: with joint states and a robot description, and the wrench, joint efforts, or both; or with the wrench
             and tf up to the sensor.
         model: the nominal simulation; a payload that it leaves out is identified from the recording.
+        called: other names of the joints, by those that the recording has.
 
     Raises:
         InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
@@ -69,7 +70,9 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     losses = tuple(loss.sentence for loss in recording.losses)
     if holds(recording, "joint_states"):
         wrench = recording.wrench() if holds(recording, "wrench") else None
-        return read_streams(recorded_streams(recording, wrench), known, losses)
+        streams = recorded_streams(recording, wrench, called)
+        read = read_streams(streams, known, losses)
+        return replace(read, notes=(*_without_stamps(recording), *read.notes))
     if holds(recording, "joint_commands") and not holds(recording, "tf"):
         raise NoAnswerError(
             ErrorCode.TOPIC_MISSING,
@@ -92,6 +95,10 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     findings = check_frame_motion(recorded)
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
+
+
+def _without_stamps(recording: Recording) -> list[str]:
+    return [f"the headers of {name} have no stamps: the times of the bag are used" for name in recording.unstamped]
 
 
 def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence[str] = ()) -> ReadRecording:
