@@ -169,7 +169,7 @@ class _Asked:
 def _answer(asked: _Asked, readings: list[ReadRecording], found: Diagnosis) -> None:
     """The answer about recordings, and the files that were asked for."""
     bags, separate = asked.bags, asked.separate
-    drives = _drives(bags[0], readings[0], found)
+    drives = _drives(bags[0], readings[0])
     planned = prepared_exports(asked.exports, found, drives, bags[0], readings[0], asked.payload_link)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
@@ -190,7 +190,7 @@ def _answer(asked: _Asked, readings: list[ReadRecording], found: Diagnosis) -> N
 
 def _answer_without_signal(asked: _Asked, readings: list[ReadRecording]) -> None:
     """The answer about recordings without a usable wrench or effort: findings, and the drives."""
-    drives = _drives(asked.bags[0], readings[0], None)
+    drives = _drives(asked.bags[0], readings[0])
     planned = prepared_exports(asked.exports, None, drives, asked.bags[0], readings[0], asked.payload_link)
     write_json(asked.json_target, unexamined_json(readings) | drives_json(drives, planned))
     people = console(asked.json_target)
@@ -222,10 +222,10 @@ def _against(asked: _Asked, simulated: Path, nominal: NominalModel, joints: str 
     print_written(people, [*written, *planned.write()])
 
 
-def _drives(bag: Path, reading: ReadRecording, found: Diagnosis | None) -> tuple[DriveEstimate, ...]:
+def _drives(bag: Path, reading: ReadRecording) -> tuple[DriveEstimate, ...]:
     """The drives of a simulator's model, fitted to the commands of the first recording."""
     with progress_bar("fitting drives") as progress:
-        return found_drives(open_recording(bag), reading, found, progress)
+        return found_drives(open_recording(bag), reading, progress)
 
 
 def read_with_warnings(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:

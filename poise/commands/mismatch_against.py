@@ -119,7 +119,7 @@ def _located_json(found: Located, motion: Mapping[str, Any]) -> dict[str, Any]:
         ],
         "unknown": {"depends_on": [], "sentence": " ".join(each.sentence for each in differing)} if differing else None,
         "channels": [asdict(each) | {"differs": each.differs} for each in found.channels],
-        "alignment": {"share": found.alignment.share, "rate": found.alignment.rate, "notes": []},
+        "alignment": {"share": found.alignment.share, "rate": found.alignment.rate, "notes": list(found.notes)},
         "motion": dict(motion),
     }
 
@@ -132,10 +132,12 @@ def print_against(
         people.print(A_IS_THE_SIMULATION)
         print_comparison(people, found)
     else:
+        for note in found.notes:
+            warn(note)
         for each in found.differing:
             people.print(escape(each.sentence), soft_wrap=True)
         if not found.differing:
-            people.print("The recordings differ by no more than noise and 2 % of the readings.")
+            people.print("The recordings differ by no more than noise and 1 % of the readings.")
         else:
             people.print("With --model, or a robot_description in a bag, the differences are named.")
     late = {name: both for name, both in motion.items() if None not in both.values()}

@@ -13,7 +13,7 @@ from poise.viewing import rounded
 
 
 def drives_json(drives: Sequence[DriveEstimate], planned: PreparedExports) -> dict[str, Any]:
-    """`drives` and `exports` of the answer; errors are of free runs of one second that the fit did not see."""
+    """`drives` and `exports` of the answer; errors are of free runs of one second, or efforts, outside the fit."""
     return {
         "drives": [
             {
@@ -21,7 +21,7 @@ def drives_json(drives: Sequence[DriveEstimate], planned: PreparedExports) -> di
                 "parameters": {
                     name: asdict(value) | {"unit": DRIVE_UNITS[name]} for name, value in each.values.items()
                 },
-                "held_out": {"nominal": each.before, "fitted": each.after},
+                "held_out": {"nominal": each.before, "fitted": each.after, "unit": each.unit},
                 "kept": each.kept,
             }
             for each in drives
@@ -34,10 +34,11 @@ def print_drives(people: Console, drives: Sequence[DriveEstimate]) -> None:
     """A table of the fitted values, with those of the model in brackets."""
     if not drives:
         return
-    title = "Drives: value ± one sigma (of the model); error of free runs of 1 s that the fit did not see"
+    what = "efforts" if drives[0].unit == "N m" else "free runs of 1 s"
+    title = f"Drives: value ± one sigma (of the model); error of {what} that the fit did not see"
     names = list(drives[0].values)
     units = (f"{name}, {DRIVE_UNITS[name]}" for name in names)
-    table = Table("joint", *units, "error, rad: model", "fitted", title=title, title_justify="left")
+    table = Table("joint", *units, f"error, {drives[0].unit}: model", "fitted", title=title, title_justify="left")
     for each in drives:
         cells = []
         for name in names:

@@ -181,7 +181,10 @@ def _changes(
     payload_link: str | None,
 ) -> ModelChanges:
     fitted = {each.joint: {name: value.value for name, value in each.values.items()} for each in drives if each.kept}
-    moved = {joint: DriveChange(values.get("gain"), values.get("delay")) for joint, values in fitted.items()}
+    moved = {
+        joint: DriveChange(values.get("gain"), values.get("rate_gain"), values.get("delay"))
+        for joint, values in fitted.items()
+    }
     of_joints: dict[str, dict[str, float]] = {
         joint: {name: values[name] for name in ("friction", "damping", "armature") if name in values}
         for joint, values in fitted.items()

@@ -17,7 +17,12 @@ _OF_SENSOR = {
     "sensor_noise": ("force_noise", "torque_noise"),
 }
 """Fields of `SensorChange` by the kinds of what is changed."""
-_WORDS = {"gain": "the gain of drives", "delay": "the delay of drives", "sensor_turn": "the rotation of the sensor"}
+_WORDS = {
+    "gain": "the gain of drives",
+    "rate_gain": "the rate gain of drives",
+    "delay": "the delay of drives",
+    "sensor_turn": "the rotation of the sensor",
+}
 
 
 @dataclass(frozen=True)
@@ -47,16 +52,19 @@ class DriveChange:
 
     Args:
         gain: of a position drive at the joint, N m/rad, N/m of a slide.
+        rate_gain: of the joint's speed, N m s/rad or N s/m.
         delay: s by which its commands are late.
     """
 
     gain: float | None = None
+    rate_gain: float | None = None
     delay: float | None = None
 
     @property
     def values(self) -> dict[str, float]:
         """What is given, by name."""
-        return {name: value for name, value in (("gain", self.gain), ("delay", self.delay)) if value is not None}
+        named = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: value for name, value in named.items() if value is not None}
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ def _isaac_lab(changes: ModelChanges) -> dict[str, dict[str, float]]:
             for argument in _ISAAC[name]:
                 found.setdefault(argument, {})[joint] = value
     for joint, drive in changes.drives.items():
-        for name, argument in (("gain", "stiffness"), ("delay", "delay")):
+        for name, argument in (("gain", "stiffness"), ("rate_gain", "damping"), ("delay", "delay")):
             if name in drive.values:
                 found.setdefault(argument, {})[joint] = drive.values[name]
     return found
@@ -63,21 +63,22 @@ def _usd(changes: ModelChanges) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     for joint, change in changes.joints.items():
         named = {_PHYSX[name]: value for name, value in change.values.items() if name in _PHYSX}
-        if "damping" in change.values:
-            named["drive:angular:physics:damping"] = change.values["damping"] * _DEGREE
         found.setdefault(joint, {}).update(named)
     for joint, drive in changes.drives.items():
-        if drive.gain is not None:
-            found.setdefault(joint, {})["drive:angular:physics:stiffness"] = drive.gain * _DEGREE
+        for name, attribute in (("gain", "stiffness"), ("rate_gain", "damping")):
+            if name in drive.values:
+                found.setdefault(joint, {})[f"drive:angular:physics:{attribute}"] = drive.values[name] * _DEGREE
     return found
 
 
 def _ros2_control(changes: ModelChanges) -> dict[str, Any]:
     """`gains` of a joint_trajectory_controller with effort commands: what a simulated robot needs to answer alike."""
-    gains = {joint: {"p": drive.gain} for joint, drive in changes.drives.items() if drive.gain is not None}
-    for joint, change in changes.joints.items():
-        if joint in gains and change.damping is not None:
-            gains[joint]["d"] = change.damping
+    names = {"gain": "p", "rate_gain": "d"}
+    given = {
+        joint: {names[name]: value for name, value in drive.values.items() if name in names}
+        for joint, drive in changes.drives.items()
+    }
+    gains = {joint: values for joint, values in given.items() if values}
     return {"gains": gains} if gains else {}
 
 

@@ -23,10 +23,10 @@ _NEEDS_DELAY = "delays need a MuJoCo that has the attribute delay (4.0 does)"
 
 
 class MjcfModelExporter(ModelExporter):
-    """`frictionloss`, `damping` and `armature` of joints, `kp` and `delay` of drives, sensors, the payload's body."""
+    """`frictionloss`, `damping`, `armature` of joints, `kp`, `kv`, `delay` of drives, sensors, the payload's body."""
 
     kind = "mjcf"
-    summary = "MJCF: joints (frictionloss, damping, armature), drives (kp, delay), sensors, the payload's body"
+    summary = "MJCF: joints (frictionloss, damping, armature), drives (kp, kv, delay), sensors, the payload's body"
 
     def written(self, changes: ModelChanges, source: bytes) -> WrittenModel:
         """See `ModelExporter`. Values of classes and of `default` are overridden at the element."""
@@ -65,16 +65,17 @@ def _put_drive(text: XmlText, actuators: Sequence[XmlElement], joint: str, drive
         return []
     if len(found) != 1 or found[0].name not in ("position", "general"):
         return [f"the drive of {joint}: the model has no single <position> or <general> actuator there"]
-    element, values = found[0], {}
-    if drive.gain is not None:
-        gain = drive.gain / _gear(element) ** 2
-        if element.name == "position":
-            values["kp"] = repr(gain)
-        elif "biasprm" in element.attributes:
-            bias = [*(float(each) for each in element.attributes["biasprm"].split()), 0.0, 0.0][:3]
-            values |= {"gainprm": repr(gain), "biasprm": f"{bias[0]!r} {-gain!r} {bias[2]!r}"}
-        else:
-            return [f"the gain of the drive of {joint}: its <general> has no biasprm of its own"]
+    element = found[0]
+    values: dict[str, str] = {}
+    gain, rate = (None if each is None else each / _gear(element) ** 2 for each in (drive.gain, drive.rate_gain))
+    if element.name == "position":
+        values |= {name: repr(each) for name, each in (("kp", gain), ("kv", rate)) if each is not None}
+    elif "biasprm" in element.attributes:
+        bias = [*(float(each) for each in element.attributes["biasprm"].split()), 0.0, 0.0][:3]
+        bias[1:] = [old if new is None else -new for old, new in zip(bias[1:], (gain, rate), strict=True)]
+        values |= {"biasprm": " ".join(map(repr, bias))} | ({} if gain is None else {"gainprm": repr(gain)})
+    elif gain is not None or rate is not None:
+        return [f"the gain of the drive of {joint}: its <general> has no biasprm of its own"]
     if drive.delay is not None:
         values |= _delay(text, drive.delay)
     text.set_attributes(element, values)

@@ -25,9 +25,11 @@ class SdfModelExporter(ModelExporter):
         left_out = []
         for joint, drive in changes.drives.items():
             controllers = [each for each in elements if each.name == "plugin" and _text_of(text, each) == joint]
-            if drive.gain is not None and len(controllers) == 1:
-                _put_values(text, controllers[0], {"p_gain": repr(drive.gain)})
-            elif drive.gain is not None:
+            gains = {"p_gain": drive.gain, "d_gain": drive.rate_gain}
+            given = {name: repr(value) for name, value in gains.items() if value is not None}
+            if len(controllers) == 1:
+                _put_values(text, controllers[0], given)
+            elif given:
                 left_out.append(f"the gain of the drive of {joint}: the model has no JointPositionController there")
         if changes.sensor is not None:
             _put_noise(text, elements, changes.sensor)

@@ -11,7 +11,7 @@ class UrdfModelExporter(ModelExporter):
 
     kind = "urdf"
     summary = "URDF: dynamics (friction, damping) of the joints, the inertial of the payload's link"
-    omits = ("armature", "gain", "delay", "sensor_turn", "sensor_limit", "sensor_delay", "sensor_noise")
+    omits = ("armature", "gain", "rate_gain", "delay", "sensor_turn", "sensor_limit", "sensor_delay", "sensor_noise")
 
     def written(self, changes: ModelChanges, source: bytes) -> WrittenModel:
         """See `ModelExporter`."""

@@ -2,33 +2,26 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application.free_run_input import recorded_run
-from poise.mismatch.application.model_values import joint_values
 from poise.mismatch.reading import ReadRecording
 from poise.recording import Recording
-from poise.simulation.rollout import DriveEstimate, FreeArm, fit_drives
-
-_SHOWN_BY_EFFORTS = ("damping", "armature", "friction")
+from poise.simulation.rollout import DriveEstimate, FreeArm, drives_by_effort, fit_drives
 
 
 def found_drives(
     recording: Recording,
     reading: ReadRecording,
-    found: Diagnosis | None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[DriveEstimate, ...]:
     """The drives of a MuJoCo model, fitted to the motion under recorded commands; () where they cannot be.
 
-    What joint efforts show (friction, rotors) is taken from the diagnosis; without efforts it is fitted too.
+    Measured efforts show gains and delays directly, and the diagnosis has what is behind them. Without efforts, free
+    runs are fitted, and friction and rotors with them.
 
     Args:
         recording: with commands.
         reading: of it, against the model.
-        found: the diagnosis; None: no signal could be examined.
         progress: is called with the completed share, 0 to 1.
     """
     simulator = reading.model.simulator
@@ -42,11 +35,6 @@ def found_drives(
         if error.code is ErrorCode.UNSUPPORTED:  # a joint without a drive or without commands
             return ()
         raise
-    if found is None or reading.recorded.effort is None:
+    if reading.recorded.effort is None:
         return fit_drives(arm, progress=progress)
-    known, now = joint_values(found), arm.drive_values()
-    for name in _SHOWN_BY_EFFORTS:
-        values = zip(arm.joints, now[name].tolist(), strict=True)
-        now[name] = np.array([known.get(joint, {}).get(name, value) for joint, value in values])
-    arm.set_drives(now)
-    return fit_drives(arm, ("gain", "delay"), progress)
+    return drives_by_effort(arm)

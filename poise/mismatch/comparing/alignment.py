@@ -137,12 +137,26 @@ def other_joints(names: tuple[str, ...], other_names: tuple[str, ...]) -> InputE
 
 def look_alikes(names: Sequence[str], others: Sequence[str]) -> list[tuple[str, str]]:
     """Pairs of names that differ by little, or by a prefix, the most alike first; each name once."""
-    ranked = sorted(((_likeness(name, other), name, other) for name in names for other in others), reverse=True)
+    prefixes = [_common_start(each) for each in (names, others)]
+    ranked = sorted(
+        (
+            (max(_likeness(name, other), _likeness(name[prefixes[0] :], other[prefixes[1] :])), name, other)
+            for name in names
+            for other in others
+        ),
+        reverse=True,
+    )
     found: list[tuple[str, str]] = []
     for size, name, other in ranked:
         if size > _ALIKE and all(name != one and other != two for one, two in found):
             found.append((name, other))
     return sorted(found, key=lambda pair: names.index(pair[0]))
+
+
+def _common_start(names: Sequence[str]) -> int:
+    """Letters that all of several names begin with."""
+    first, last = min(names, default=""), max(names, default="")
+    return next((at for at, (one, two) in enumerate(zip(first, last, strict=False)) if one != two), 0)
 
 
 def _likeness(name: str, other: str) -> float:

@@ -95,7 +95,7 @@ def compare(
     if skew != 1.0:
         on_a = with_motion_of(b, a, matched.reversed())
         instead = align(on_a, a)
-        if unlike(_less(on_a, a, instead)) < unlike(_less(b, a, matched)):
+        if unlike(without_common(on_a, a, instead)) < unlike(without_common(b, a, matched)):
             b, matched = on_a, instead
     side, found = _likelier(a, b, matched, stages)
     less = a if side == "b" else b
@@ -105,6 +105,7 @@ def compare(
         for each in changes
         if len(changes) > 1
         and each.present_in == "both"
+        and not each.finding.effect.of_joint  # friction of a joint acts by itself
         and alike(*(stages.own_values(each.finding, one) for one in (a, b)))
     ]
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
@@ -141,7 +142,7 @@ def _through_model(
     return Comparison(found, kept, "b", matched, (*notes, *said), time.perf_counter() - begin)
 
 
-def _same_speed(matched: Alignment) -> bool:
+def same_speed(matched: Alignment) -> bool:
     return abs(matched.rate - 1.0) < _ALIKE
 
 
@@ -151,7 +152,7 @@ def _likelier(a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: 
         "b": (b, a, matched),
         "a": (a, b, matched.reversed()),
     }
-    first: Recorded = "a" if has_less(_less(*ways["b"])) else "b"
+    first: Recorded = "a" if has_less(without_common(*ways["b"])) else "b"
     other: Recorded = "b" if first == "a" else "a"
     found = _one_way(*ways[first], stages)
     if found.verdict in ("none", "named"):
@@ -162,17 +163,17 @@ def _likelier(a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: 
 
 def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: Stages) -> Diagnosis:
     """What this recording has and the other lacks."""
-    if _same_speed(matched):
-        return stages.diagnose(_less(this, other, matched), stages.for_two)
+    if same_speed(matched):
+        return stages.diagnose(without_common(this, other, matched), stages.for_two)
     alone = stages.alone(other, stages.for_two)
-    less = _less(this, with_model_effects(other, alone.augmented.effects), matched)
+    less = without_common(this, with_model_effects(other, alone.augmented.effects), matched)
     return stages.diagnose(with_known_physics(less, alone), alone.augmented)
 
 
-def _less(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:
+def without_common(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:
     """This recording without what the other has too, where both move alike."""
     slip = math.inf
-    if _same_speed(matched):
+    if same_speed(matched):
         _, seconds, places = postures(this)
         slip = _SLIP * float(np.sqrt(np.mean((np.gradient(places, seconds, axis=0) ** 2).sum(axis=1))))
     return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN))
@@ -205,6 +206,6 @@ def _notes(matched: Alignment, skew: float) -> tuple[str, ...]:
     if abs(matched.rate - 1.0) < _SKEW < abs(skew - 1.0):
         fast = "slow" if skew > 1.0 else "fast"
         notes.append(f"B's clock runs {abs(skew - 1.0):.1%} {fast} against A's: its readings are taken at A's times")
-    if not _same_speed(matched):
+    if not same_speed(matched):
         notes.append(f"B moves {matched.rate:.2f} times as fast as A: what A lacks is diagnosed first")
     return tuple(notes)

@@ -7,21 +7,19 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.comparing.alignment import Alignment, align
-from poise.mismatch.comparing.comparison import same_path
-from poise.mismatch.comparing.difference import difference
+from poise.mismatch.comparing.comparison import same_path, same_speed, without_common
 from poise.mismatch.recorded import WRENCH_CHANNELS, EffortTrack, RecordedMotion
 from poise.types import Array, Mask
 
-_NEAR, _MARGIN = 0.1, 0.3
-"""rad or m, and s around, within which postures count as the same."""
-_NOISE, _TOLERANCE = 3.0, 0.02
+_NOISE, _TOLERANCE = 0.3, 0.01
 """Sizes from which a channel differs: of the noise of the difference, and of the largest reading."""
-_STRETCH = 0.5
-"""s over which the size of a difference is averaged."""
+_BLOCK, _STRETCH = 0.2, 0.5
+"""s over which a difference is averaged, so that noise vanishes; and over which its size is."""
 _DIRECTION = 0.02
 """rad/s or m/s: width in which the direction of motion changes."""
-_PART = 0.03
-"""Share of the square that a state must explain beyond the others."""
+_PART, _COLUMN = 0.03, 0.01
+"""Share of the square that a state must explain beyond the others, and that each of its columns costs: in one motion,
+speeds and accelerations are functions of the posture."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class LocatedChannel:
 
     Args:
         name, unit: of it.
-        size: rms of the recording minus the other one, where both are at the same postures.
+        size: rms of the recording minus the other one, where both are at the same postures, without noise.
         noise: one sigma of the random part of the difference.
         reading: the largest of the recording's readings, without outliers.
         goes_with: states that explain a part of the square of the difference, with their shares, in their order.
@@ -57,7 +55,7 @@ class LocatedChannel:
         rest = 1.0 - sum(share for _, share in self.goes_with)
         goes = ", ".join([*parts, f"{100 * rest:.0f} % with none"]) if parts else "with no state"
         times = self.size / max(self.noise, 1e-12)
-        return f"{self.name} differs by {self.size:.3g} {self.unit} (rms), {times:.0f} times the noise; it goes {goes}."
+        return f"{self.name} differs by {self.size:.3g} {self.unit} (rms), {times:.1f} times the noise; it goes {goes}."
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +64,14 @@ class Located:
 
     channels: tuple[LocatedChannel, ...]
     alignment: Alignment
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What qualifies the answer."""
+        if same_speed(self.alignment):
+            return ()
+        fast = f"the recording moves {self.alignment.rate:.2f} times as fast as the simulation"
+        return (f"{fast}: what depends on speed differs for that reason; simulate at the same speed, or give --model",)
 
     @property
     def differing(self) -> tuple[LocatedChannel, ...]:
@@ -88,7 +94,7 @@ def located(this: RecordedMotion, other: RecordedMotion) -> Located:
             f"only {matched.share:.0%} of the recording's motion is also in the simulator's: without a model of the"
             " robot the same motion must be simulated; play the recorded commands, or give --model",
         )
-    less = difference(this, other, matched, matched.alike(_NEAR, np.inf, _MARGIN))
+    less = without_common(this, other, matched)
     channels: list[LocatedChannel] = []
     if less.effort is not None and this.effort is not None:
         track = less.effort
@@ -116,10 +122,17 @@ def _channel(
     name: str, unit: str, seconds: Array, values: Array, reading: float, states: Sequence[tuple[str, Array]]
 ) -> LocatedChannel:
     noise = float(np.median(np.abs(np.diff(values))) / 0.6745 / np.sqrt(2.0))
-    size = float(np.sqrt(np.mean(values**2)))
+    step = float(np.median(np.diff(seconds)))
+    count = max(round(_BLOCK / step), 1)
+    whole = len(values) // count * count
+    calm = values[:whole].reshape(-1, count).mean(axis=1)
+    size = float(np.sqrt(max(np.mean(calm**2) - noise**2 / count, 0.0)))
     limit = max(_NOISE * noise, _TOLERANCE * reading)
-    goes_with = _shares(values, states) if size > limit else ()
-    return LocatedChannel(name, unit, size, noise, float(reading), goes_with, _windows(seconds, values, limit))
+    if size <= limit:
+        return LocatedChannel(name, unit, size, noise, float(reading), (), ())
+    rows = [(state, columns[:whole].reshape(len(calm), count, -1).mean(axis=1)) for state, columns in states]
+    times = seconds[:whole].reshape(-1, count).mean(axis=1)
+    return LocatedChannel(name, unit, size, noise, float(reading), _shares(calm, rows), _windows(times, calm, limit))
 
 
 def _shares(values: Array, states: Sequence[tuple[str, Array]]) -> tuple[tuple[str, float], ...]:
@@ -129,9 +142,11 @@ def _shares(values: Array, states: Sequence[tuple[str, Array]]) -> tuple[tuple[s
     total, explained = float(values @ values), 0.0
     while left:
         tried = [_explained(values, np.column_stack([used, columns])) for _, columns in left]
-        best = int(np.argmax(tried))
-        gain = (tried[best] - explained) / max(total, 1e-300)
-        if gain < _PART:
+        cost = [_COLUMN * columns.shape[1] for _, columns in left]
+        gains = (np.array(tried) - explained) / max(total, 1e-300)
+        best = int(np.argmax(gains - cost))
+        gain = float(gains[best])
+        if gain < _PART + cost[best] - _COLUMN:
             break
         name, columns = left.pop(best)
         found.append((name, gain))

@@ -30,8 +30,13 @@ _HELD, _LEAST = 0.3, 0.02
 _SOFTER = (1.0, 0.2, 0.05, 0.01)
 """Factors of the gain from which the fit starts."""
 
-DRIVE_UNITS = {"gain": "N m/rad", "delay": "s", "damping": "N m s/rad", "armature": "kg m2", "friction": "N m"}
-"""What is fitted, with its unit for joints that turn."""
+_FITTED = ("gain", "delay", "damping", "armature", "friction")
+DRIVE_UNITS = {"gain": "N m/rad", "rate_gain": "N m s/rad", "delay": "s"} | {
+    "damping": "N m s/rad",
+    "armature": "kg m2",
+    "friction": "N m",
+}
+"""What is known of a drive and of the joint behind it, with units for joints that turn."""
 _TYPICAL = {"damping": 0.05, "armature": 0.003, "friction": 0.01}
 """Least values, in parts of the gain: s, s2 and rad; a logarithm has no zero."""
 
@@ -52,8 +57,9 @@ class DriveEstimate:
     Args:
         joint: its name.
         values: by the names of `DRIVE_UNITS`.
-        before, after: rad or m, error of free runs of one second on windows that the fit did not see.
+        before, after: of `unit`, errors that the fit did not see: of free runs of one second, or of the effort.
         kept: the fit lowers that error.
+        unit: of the errors, of joints that turn.
     """
 
     joint: str
@@ -61,6 +67,7 @@ class DriveEstimate:
     before: float
     after: float
     kept: bool
+    unit: str = "rad"
 
 
 @dataclass(eq=False)
@@ -93,13 +100,13 @@ class _Fit:
 
 
 def fit_drives(
-    arm: FreeArm, names: Sequence[str] = tuple(DRIVE_UNITS), progress: Callable[[float], None] = lambda share: None
+    arm: FreeArm, names: Sequence[str] = _FITTED, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[DriveEstimate, ...]:
     """Fit the drives of a model to a recording; the arm keeps the values that were kept.
 
     Args:
         arm: with a position drive and commands of each joint.
-        names: of `DRIVE_UNITS`, what is fitted; what efforts show need not be fitted again.
+        names: of `DRIVE_UNITS` but the rate gain, which acts as damping does; what efforts show is not fitted again.
         progress: is called with the completed share, 0 to 1.
 
     Raises:

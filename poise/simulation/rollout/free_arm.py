@@ -162,6 +162,7 @@ class FreeArm:
         drives = [each.drive or JointDrive("", "effort", np.nan, delay=np.nan) for each in self._inputs]
         return {
             "gain": np.array([each.gain * each.gear**2 for each in drives]),
+            "rate_gain": np.array([each.damping * each.gear**2 for each in drives]),
             "delay": np.array([each.delay for each in drives]),
             "damping": np.array(self.model.dof_damping[self._rates], dtype=np.float64),
             "armature": np.array(self.model.dof_armature[self._rates], dtype=np.float64),
@@ -180,8 +181,11 @@ class FreeArm:
             gain = float(values["gain"][j]) / each.drive.gear**2 if "gain" in values else each.drive.gain
             delay = float(values["delay"][j]) if "delay" in values else each.drive.delay
             self.model.actuator_gainprm[each.actuator][0] = gain
-            self.model.actuator_biasprm[each.actuator][1] = -gain
-            self._inputs[j] = replace(each, drive=replace(each.drive, gain=gain, stiffness=gain, delay=delay))
+            rate = float(values["rate_gain"][j]) / each.drive.gear**2 if "rate_gain" in values else each.drive.damping
+            self.model.actuator_biasprm[each.actuator][1:3] = -gain, -rate
+            self._inputs[j] = replace(
+                each, drive=replace(each.drive, gain=gain, stiffness=gain, damping=rate, delay=delay)
+            )
         self._mujoco.mj_setConst(self.model, self._mujoco.MjData(self.model))
 
     @property
