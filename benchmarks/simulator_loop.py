@@ -36,8 +36,8 @@ from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 from poise.types import Array
 
-SECONDS, RATE, COMMAND_RATE, STEP = 36.0, 250.0, 500.0, 5e-4
-GAIN, DAMPING = 900.0, 60.0
+SECONDS, RATE, COMMAND_RATE, STEP = 36.0, 250.0, 1000.0, 1e-3
+GAIN, DAMPING = 900.0, 40.0
 """N m/rad and N m s/rad of the drive of the first joint; the others are softer."""
 KINDS = ("frictionloss", "damping", "armature", "load", "delay", "gain")
 NAMES = {

@@ -40,6 +40,7 @@ def recorded_run(recording: Recording) -> RecordedRun:
         seconds[known],
         moved.position[known],
         moved.velocity[known],
+        velocity[known],
         effort[known],
         np.zeros(0) if sent is None else seconds_since(sent.stamps, start),
         *_commands(sent, names),

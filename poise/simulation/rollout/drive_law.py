@@ -32,8 +32,10 @@ def drives_by_effort(arm: FreeArm) -> tuple[DriveEstimate, ...]:
         usual = np.isfinite(effort) & (run.seconds > run.seconds[0] + _LATEST)
         if arm.drives[j] is None or usual.sum() < 100:
             continue
-        law = _Law(arm, column, effort)
-        values = law.fitted(usual & ~held)
+        # A drive feels the speed that it measures; where that was not recorded or is noisy, take the smoothed one.
+        laws = [_Law(arm, column, effort, speed[:, column]) for speed in (run.measured_velocity, run.velocity)]
+        fits = [(each.fitted(usual & ~held), each) for each in laws if each.known]
+        values, law = min(fits, key=lambda fit: fit[1].error(fit[0], usual & ~held))
         nominal = np.array([now["gain"][j], now["rate_gain"][j], now["delay"][j]])
         after, before = (law.error(each, usual & held) for each in (values, nominal))
         if after > np.sqrt(1.0 - _FOLLOWS) * float(np.std(effort[usual & held])):
@@ -50,14 +52,19 @@ def drives_by_effort(arm: FreeArm) -> tuple[DriveEstimate, ...]:
 class _Law:
     """The law of one joint's drive."""
 
-    def __init__(self, arm: FreeArm, column: int, effort: Array) -> None:
-        self._run, self._column, self._effort = arm.run, column, effort
+    def __init__(self, arm: FreeArm, column: int, effort: Array, velocity: Array) -> None:
+        self._run, self._column, self._effort, self._velocity = arm.run, column, effort, velocity
+
+    @property
+    def known(self) -> bool:
+        """Whether its velocity was recorded."""
+        return bool(np.isfinite(self._velocity).all())
 
     def _columns(self, delay: float) -> Array:
         """(N, 2) command minus position, and minus the velocity."""
         run, c = self._run, self._column
         sent = run.command_at(run.seconds - delay, c)
-        return np.column_stack([sent - run.position[:, c], -run.velocity[:, c]])
+        return np.column_stack([sent - run.position[:, c], -self._velocity])
 
     def _solved(self, delay: float, rows: Mask) -> tuple[float, Array]:
         columns, effort = self._columns(delay)[rows], self._effort[rows]

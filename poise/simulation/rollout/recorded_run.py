@@ -15,6 +15,7 @@ class RecordedRun:
         names: (J).
         seconds: (N,) ascending.
         position, velocity: (N, J) rad or m, smoothed.
+        measured_velocity: (N, J) as recorded; NaN where it was not.
         effort: (N, J) N m or N that the joints exerted; NaN where it was not measured.
         command_seconds: (K,) of the commands, on the same clock.
         command, command_velocity: (K, J); NaN of joints that were not commanded.
@@ -26,6 +27,7 @@ class RecordedRun:
     seconds: Array
     position: Array
     velocity: Array
+    measured_velocity: Array
     effort: Array
     command_seconds: Array
     command: Array
