@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.mismatch_answer import as_json
+from poise.commands.mismatch_answer import as_json, print_written, write_report
 from poise.commands.output import (
     JsonOption,
     SearchDeadlineOption,
@@ -47,6 +47,10 @@ _ModelOption = Annotated[
         show_default=False,
     ),
 ]
+_ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="DIR", help="Write an HTML report of the difference.", show_default=False),
+]
 JointsOption = Annotated[
     str | None,
     typer.Option(
@@ -63,6 +67,7 @@ def compare(
     b: _SecondArgument,
     model: _ModelOption = None,
     joints: JointsOption = None,
+    report: _ReportOption = None,
     deadline: SearchDeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
@@ -80,6 +85,8 @@ def compare(
     called = read_joint_names(joints)
     befores, afters = recordings_at(a), recordings_at(b)
     if len(befores) + len(afters) > 2:
+        if report is not None:
+            raise InputError(ErrorCode.BAD_INPUT, "--report is of two recordings: give files, not folders")
         _compare_several(befores, afters, nominal, called, json_target)
         return
     readings = read_alike([*befores, *afters], nominal, {1: called})
@@ -87,8 +94,12 @@ def compare(
     with progress_bar("comparing") as progress:
         found = compare_recordings(before, after, readings[0].model, deadline=deadline, progress=progress)
     chosen = readings[1 if found.side == "b" else 0]
+    notes = [*found.notes, *(change.sentence for change in found.changes)]
+    written = [] if report is None else write_report(report, [a, b], notes, found.diagnosis, "What changed:")
     write_json(json_target, comparison_json(found, chosen))
-    print_comparison(console(json_target), found)
+    people = console(json_target)
+    print_comparison(people, found)
+    print_written(people, written)
 
 
 def recordings_at(path: Path) -> list[Path]:

@@ -15,6 +15,7 @@ from poise.commands.mismatch_answer import (
     print_recordings,
     print_written,
     unexamined_json,
+    write_report,
 )
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
 from poise.commands.mismatch_drives import drives_json, print_drives
@@ -32,7 +33,6 @@ from poise.commands.output import (
     BAG_HELP,
     JsonOption,
     SearchDeadlineOption,
-    add_scene,
     console,
     progress_bar,
     refuse_folder,
@@ -256,17 +256,3 @@ def read_all(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
     """
     first = read_recording(open_recording(bags[0]), nominal)
     return [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
-
-
-def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagnosis) -> list[Path]:
-    """Write the HTML report, and the Rerun scene when rerun is installed.
-
-    Raises:
-        InputError: FILE_UNWRITABLE.
-    """
-    # Drawing libraries load slowly: they are imported on use.
-    from poise.viewing import write_mismatch_report, write_mismatch_scene
-
-    title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
-    written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
-    return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.output import add_scene
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity
 from poise.mismatch.reading import ReadRecording
 from poise.viewing import readable, rounded
@@ -175,3 +176,23 @@ def print_written(people: Console, written: list[Path]) -> None:
     """The files, one a line."""
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def write_report(
+    folder: Path, bags: list[Path], notes: list[str], found: Diagnosis, what: str = "Mismatch of"
+) -> list[Path]:
+    """Write the HTML report, and the Rerun scene when rerun is installed.
+
+    Args:
+        folder: made when missing.
+        bags: recordings. notes: on them. found: the answer. what: the beginning of the title.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    # Drawing libraries load slowly: they are imported on use.
+    from poise.viewing import write_mismatch_report, write_mismatch_scene
+
+    title = f"{what} {', '.join(bag.name for bag in bags)}"
+    written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
+    return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))

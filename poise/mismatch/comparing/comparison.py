@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,10 @@ _CLEARLY = 1.02
 """Ratio of the evidence from which the answer about A against B is better than that about B against A."""
 _EQUAL_NOTE = "each recording by itself shows the same {}: it acts on what changed, and is no change"
 _SMALL_NOTE = "{} differs by no more than the errors of both answers, and is no change"
+
+
+_Ways = dict[Recorded, tuple[RecordedMotion, RecordedMotion, Alignment]]
+"""By the recording that is described: that one, the other one, and the alignment of it with the other one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +101,23 @@ def compare(
         instead = align(on_a, a)
         if unlike(without_common(on_a, a, instead)) < unlike(without_common(b, a, matched)):
             b, matched = on_a, instead
-    side, found = _likelier(a, b, matched, stages)
+    ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
+    side, found = _likelier(ways, stages)
+    changes, equal = _changes(found, side, a, b, stages)
+    imitated = {each.finding.effect.name for each in equal if each.finding.effect.layer == "friction"}
+    if imitated:  # it acts by itself, so that it cannot differ where both have the same: it stands for something else
+        found = _one_way(*ways[side], stages, imitated)
+        changes, equal = _changes(found, side, a, b, stages)
+    notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
+    kept = tuple(each for each in changes if each not in equal)
+    progress(1.0)
+    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
+
+
+def _changes(
+    found: Diagnosis, side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+) -> tuple[list[Change], list[Change]]:
+    """The changes that an answer names, and those of them that each recording by itself shows alike."""
     less = a if side == "b" else b
     changes = [change_of(each, side, stages.own_values(each, less), less) for each in found.findings]
     equal = [
@@ -108,10 +128,7 @@ def compare(
         and not each.finding.effect.of_joint  # friction of a joint acts by itself
         and alike(*(stages.own_values(each.finding, one) for one in (a, b)))
     ]
-    notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
-    kept = tuple(each for each in changes if each not in equal)
-    progress(1.0)
-    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
+    return changes, equal
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -146,12 +163,8 @@ def same_speed(matched: Alignment) -> bool:
     return abs(matched.rate - 1.0) < _ALIKE
 
 
-def _likelier(a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: Stages) -> tuple[Recorded, Diagnosis]:
+def _likelier(ways: _Ways, stages: Stages) -> tuple[Recorded, Diagnosis]:
     """The side that has more, and what it has: the likely side first, the other one where that leaves something."""
-    ways: dict[Recorded, tuple[RecordedMotion, RecordedMotion, Alignment]] = {
-        "b": (b, a, matched),
-        "a": (a, b, matched.reversed()),
-    }
     first: Recorded = "a" if has_less(without_common(*ways["b"])) else "b"
     other: Recorded = "b" if first == "a" else "a"
     found = _one_way(*ways[first], stages)
@@ -161,13 +174,15 @@ def _likelier(a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: 
     return (other, instead) if _better(instead, found) else (first, found)
 
 
-def _one_way(this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: Stages) -> Diagnosis:
-    """What this recording has and the other lacks."""
+def _one_way(
+    this: RecordedMotion, other: RecordedMotion, matched: Alignment, stages: Stages, without: Collection[str] = ()
+) -> Diagnosis:
+    """What this recording has and the other lacks; `without`: effects that are not tried."""
     if same_speed(matched):
-        return stages.diagnose(without_common(this, other, matched), stages.for_two)
+        return stages.diagnose(without_common(this, other, matched), stages.for_two, without=without)
     alone = stages.alone(other, stages.for_two)
     less = without_common(this, with_model_effects(other, alone.augmented.effects), matched)
-    return stages.diagnose(with_known_physics(less, alone), alone.augmented)
+    return stages.diagnose(with_known_physics(less, alone), alone.augmented, without=without)
 
 
 def without_common(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:

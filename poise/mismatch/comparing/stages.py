@@ -1,7 +1,7 @@
 """The diagnoses of a comparison: each once, within its time limit."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
@@ -31,11 +31,14 @@ class Stages:
         self._alone = list[tuple[RecordedMotion, NominalModel, Diagnosis]]()
         self._own = list[tuple[Effect, RecordedMotion, dict[str, Quantity]]]()
 
-    def diagnose(self, recorded: RecordedMotion, model: NominalModel, usual: bool = False) -> Diagnosis:
-        """A quarter of the progress; `usual`: what most models lack, and nothing else."""
+    def diagnose(
+        self, recorded: RecordedMotion, model: NominalModel, usual: bool = False, without: Collection[str] = ()
+    ) -> Diagnosis:
+        """A quarter of the progress; `usual`: what most models lack alone; `without`: effects that are not tried."""
         done, left = self._done, max(self._end - time.perf_counter(), 0.1)
         self._done = min(done + 0.25, 0.75)
-        library = [effect for effect in all_effects() if effect.name in USUAL] if usual else None
+        tried = [e for e in all_effects() if e.name not in without and (not usual or e.name in USUAL)]
+        library = tried if usual or without else None
         bar = lambda share: self._progress(done + 0.25 * share)  # noqa: E731
         return diagnose(recorded, model, library=library, deadline=left, progress=bar)
 

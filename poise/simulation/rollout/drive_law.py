@@ -38,11 +38,12 @@ def drives_by_effort(arm: FreeArm) -> tuple[DriveEstimate, ...]:
         values, law = min(fits, key=lambda fit: fit[1].error(fit[0], usual & ~held))
         nominal = np.array([now["gain"][j], now["rate_gain"][j], now["delay"][j]])
         after, before = (law.error(each, usual & held) for each in (values, nominal))
-        if after > np.sqrt(1.0 - _FOLLOWS) * float(np.std(effort[usual & held])):
+        if after > np.sqrt((1.0 - _FOLLOWS) * float(np.mean(effort[usual & held] ** 2))):
             continue
         rows = np.flatnonzero(usual & ~held)
         parts = [law.fitted(np.isin(np.arange(len(effort)), part), values[2]) for part in np.array_split(rows, _PARTS)]
         sigma = np.std(parts, axis=0, ddof=1) / np.sqrt(_PARTS)
+        sigma[2] = max(float(sigma[2]), law.period / np.sqrt(12.0))
         named = zip(("gain", "rate_gain", "delay"), values, sigma, nominal, strict=True)
         estimates = {name: DriveValue(float(v), float(s), float(n)) for name, v, s, n in named}
         found.append(DriveEstimate(joint, estimates, before, after, after < (1.0 - _LEAST) * before, "N m"))
@@ -60,6 +61,11 @@ class _Law:
         """Whether its velocity was recorded."""
         return bool(np.isfinite(self._velocity).all())
 
+    @property
+    def period(self) -> float:
+        """s between commands: a delay is not known better."""
+        return float(np.median(np.diff(self._run.command_seconds)))
+
     def _columns(self, delay: float) -> Array:
         """(N, 2) command minus position, and minus the velocity."""
         run, c = self._run, self._column
@@ -76,7 +82,8 @@ class _Law:
         if about is None:
             tried = np.arange(0.0, _LATEST, _COARSE)
             about = float(tried[int(np.argmin([self._solved(each, rows)[0] for each in tried.tolist()]))])
-        near = np.arange(max(about - _COARSE, 0.0), about + _COARSE, _FINE)
+        reach = max(_COARSE, 1.5 * self.period)
+        near = np.arange(max(about - reach, 0.0), about + reach, min(_FINE, self.period / 4.0))
         squares = np.array([self._solved(each, rows)[0] for each in near.tolist()])
         # Commands come in steps, so that the error is flat between them: the middle of the flat.
         flat = near[squares <= squares.min() * (1.0 + 1e-6) + 1e-15]
