@@ -1,5 +1,7 @@
 """`poise mismatch --export KIND:FILE`: what was found, written into the user's own model."""
 
+import os
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +30,7 @@ from poise.mismatch.reading import NominalModel, ReadRecording, nominal_descript
 from poise.recording import Recording, open_recording
 from poise.simulation.rollout import DriveEstimate
 
+_WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 ExportModelOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -75,7 +78,7 @@ def read_model_exports(texts: Sequence[str] | None, into: Sequence[Path] | None)
 
     Raises:
         InputError: BAD_INPUT for an unknown kind, for no file, for a model that is missing, left over, or would be
-            overwritten; FILE_UNREADABLE.
+            overwritten; FILE_UNREADABLE; FILE_UNWRITABLE for a target that is read-only.
     """
     sources = list(into or ())
     found = []
@@ -92,10 +95,20 @@ def read_model_exports(texts: Sequence[str] | None, into: Sequence[Path] | None)
             raise InputError(ErrorCode.FILE_UNREADABLE, f"--into {source}: no such file")
         if source is not None and Path(name).resolve() == source.resolve():
             raise InputError(ErrorCode.BAD_INPUT, f"--export {text} would overwrite --into: name another file")
+        _check_writable(text, Path(name))
         found.append(ModelExport(kind, Path(name), source))
     if sources:
         raise InputError(ErrorCode.BAD_INPUT, f"--into {sources[0]} has no --export: give --export KIND:FILE too")
     return found
+
+
+def _check_writable(asked: str, target: Path) -> None:
+    """Refuse a target that is read-only: renaming a file onto it would replace it all the same."""
+    if target.exists() and not target.stat().st_mode & _WRITABLE:
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"--export {asked}: the file is read-only: name another one")
+    folder = next((each for each in target.absolute().parents if each.exists()), target)
+    if not os.access(folder, os.W_OK):
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"--export {asked}: nothing can be written in {folder}")
 
 
 def with_payload_link(model: NominalModel, payload_link: str | None) -> NominalModel:
