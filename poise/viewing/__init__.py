@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from poise.viewing.parts_picture import draw_parts
     from poise.viewing.report import write_identification_report
     from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing.rollout_report import rollout_rows, write_rollout_report
     from poise.viewing.summary import parameter_rows
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "mechanism_panel",
     "parameter_rows",
     "readable",
+    "rollout_rows",
     "rounded",
     "transfer_panel",
     "write_assembly_recording",
@@ -49,6 +51,7 @@ __all__ = [
     "write_mismatch_report",
     "write_mismatch_scene",
     "write_picture",
+    "write_rollout_report",
 ]
 
 _FILES = {
@@ -58,6 +61,7 @@ _FILES = {
     "loop_rows": "loop_report",
     "loop_sentences": "loop_report",
     "parameter_rows": "summary",
+    "rollout_rows": "rollout_report",
     "transfer_panel": "carrying_figures",
     "write_assembly_recording": "assembly_recording",
     "write_evaluation_report": "evaluation_report",
@@ -67,6 +71,7 @@ _FILES = {
     "write_mismatch_report": "mismatch_report",
     "write_mismatch_scene": "mismatch_scene",
     "write_picture": "canvas",
+    "write_rollout_report": "rollout_report",
 }
 
 

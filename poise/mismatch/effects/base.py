@@ -49,6 +49,7 @@ class EffectParameter:
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
             finely `Effect.starts` resolves it. It is not refined.
         positive: of a linear parameter: a physical bound, no fit goes below zero (a mass, a drag, a friction).
+        known: of a positive parameter: what the nominal model has of it already, which a fit may take away.
         hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
     """
 
@@ -63,16 +64,17 @@ class EffectParameter:
     choice: bool = False
     resolution: float = 0.0
     positive: bool = False
+    known: float = 0.0
     hidden: bool = False
 
     @property
     def lower(self) -> float:
         """The least value that a fit may give to a linear parameter."""
-        return 0.0 if self.positive else -np.inf
+        return -self.known if self.positive else -np.inf
 
     def at_bound(self, value: float) -> bool:
         """Whether a linear parameter is at its physical bound."""
-        return self.positive and value <= 1e-9 * self.scale
+        return self.positive and value <= self.lower + 1e-9 * self.scale
 
     def within(self, value: float) -> bool:
         """Whether a linear parameter is inside its physical bounds; non-linear ones never leave their range."""
@@ -121,6 +123,7 @@ class Effect(ABC):
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
+        of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -142,6 +145,7 @@ class Effect(ABC):
     direct: ClassVar[bool] = False
     delay: ClassVar[str] = ""
     widens: ClassVar[str] = ""
+    of_joint: ClassVar[Mapping[str, str]] = {}
     defaults: ClassVar[Values] = {}
 
     @abstractmethod
