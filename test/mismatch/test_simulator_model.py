@@ -72,8 +72,8 @@ def test_model_yaml_names_the_file_and_comes_back(tmp_path: Path) -> None:
     assert again.simulator.joints == model.simulator.joints
     with pytest.raises(InputError, match="which is the robot"):
         parse_model({"urdf": "fr3", "simulator": str(ARM)})
+    write_recording(tmp_path / "run.mcap", {"joint_states": efforts(0.2, 0.02, 5.0)})
     with pytest.raises(InputError, match="has no link hold; it has held") as caught:
-        write_recording(tmp_path / "run.mcap", {"joint_states": efforts(0.2, 0.02, 5.0)})
         read_recording(open_recording(tmp_path / "run.mcap"), replace(model, payload_link="hold"))
     assert caught.value.code is ErrorCode.FRAME_UNKNOWN
 
