@@ -39,6 +39,7 @@ from poise.mismatch.inference import (
     search,
     state_description,
     tail,
+    variations,
     wrench_problem,
 )
 from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, without
@@ -289,6 +290,7 @@ def _examined(
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     misfit = _misfit(proof, rest.excess)
+    varied = variations(final, best.parts)
     beside = "" if unknown is None else next(iter(unknown.depends_on), "time")
     channels = (
         WRENCH_CHANNELS
@@ -300,7 +302,7 @@ def _examined(
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*named_effects(final, best, model, instead, misfit, beside), *detected),
+        findings=(*named_effects(final, best, model, instead, varied, misfit, beside), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.

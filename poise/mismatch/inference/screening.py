@@ -11,9 +11,9 @@ from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import EffectCandidate, linearization_point, refine, score_starts
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
-from poise.mismatch.inference.unknown import Dependence
+from poise.mismatch.inference.unknown import FreeCurve
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 _LOOK = 7
 """Steps of the screening."""
@@ -57,8 +57,9 @@ def _screened(
     here = linearization_point(problem, parts)
     regression = here.regression
     few = here.recorded
-    if problem.blocks is not None and problem.signal == "wrench":
-        few = few.select(problem.blocks.middle(len(few)))
+    if problem.blocks is not None:
+        middle = problem.blocks.middle(len(problem.seconds))
+        few = few.once(("middles", problem.signal, int(middle.sum())), lambda: _picked(here.recorded, problem, middle))
     seen = []
     for effect in effects:
         # At the deadline, a known effect is still compared.
@@ -66,7 +67,7 @@ def _screened(
         if limit.over() and not own:
             continue
         # States have many columns; the middles of the blocks suffice for them.
-        recorded = few if isinstance(effect, Dependence) else here.recorded
+        recorded = few if isinstance(effect, FreeCurve) else here.recorded
         starts = _starts(effect, recorded, here.residual)
         if known is not None and own:
             nonlinear = {p.name: known.values[p.name] for p in effect.parameters(recorded) if not p.linear}
@@ -83,7 +84,7 @@ def _screened(
         pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
         least = max(_THRESHOLD, _REACH * top, *pieces)
         done = each
-        if not isinstance(each.effect, Dependence):
+        if not isinstance(each.effect, FreeCurve):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
             if nonlinear and each.potential > least and not limit.over():
                 done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
@@ -92,6 +93,13 @@ def _screened(
         found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
+
+
+def _picked(recorded: RecordedMotion, problem: Problem, rows: Mask) -> RecordedMotion:
+    """The samples of a mask (N,) of the signal; free curves need nothing but the motion."""
+    if problem.signal == "wrench" or recorded.effort is None:
+        return recorded.select(rows)
+    return replace(recorded, effort=recorded.effort.select(rows))
 
 
 def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterator[Values]:
