@@ -82,9 +82,10 @@ def belief_probability(basis: BeliefBasis, weights: Sequence[float]) -> float:
     Args:
         basis: what speaks for the name and against it.
         weights: two of a logistic function of the log evidence; the log odds that a name has beside a rival that does
-            as well (the search preferred it); those of an unknown cause that acts once, beside an event.
+            as well (the search preferred it); those of an unknown cause that acts once, beside an event;
+            what `varies` takes from the log odds of the logistic function.
     """
-    slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0))
+    slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0)) - weights[4] * basis.varies
     rivals = basis.rivals * math.exp(-weights[2]) + basis.equals + basis.once * math.exp(weights[3])
     return min(1.0 / (1.0 + math.exp(-slope)) / (1.0 + rivals), MAX_PROBABILITY)
 

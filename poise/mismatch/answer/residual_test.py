@@ -17,9 +17,9 @@ _MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise, from which it is structure."""
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
-_MOTION = 2.0
-"""Factor on the variance by errors of the measured motion that may be missing in it: splines round corners of the
-acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration about twice as large)."""
+_MOTION = 0.5
+"""Share of the variance by errors of the measured motion that may be missing in it: splines round corners of the
+acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration up to twice as large)."""
 _CHANCE = 2.0
 """Standard errors of the energy of noise that its excess may have."""
 

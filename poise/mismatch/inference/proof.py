@@ -5,6 +5,7 @@ pieces. The model with the effect and the best one without it are fitted to all 
 predict these. The fits solve for all linear parameters and the calibration errors; other parameters keep their values.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -49,6 +50,8 @@ _MOST_ELSEWHERE = 0.5
 """Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
 _ACTS = 0.01
 """Share of its largest energy in a sample from which an event acts there."""
+_CANCELS = 0.3
+"""Energy of the response of two effects, relative to the smaller one's own, below which they cancel."""
 _SPIKE, _CHANCE = 5.0, 4.0
 """Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
@@ -143,7 +146,8 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             or immaterial(problem.recorded, part, proof)
             or proof.lacking
             or _faint(part.effect, proof, strongest)
-            for part, proof in zip(whole.parts, proofs, strict=True)
+            or cancelled
+            for part, proof, cancelled in zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
         if not failed:
@@ -179,6 +183,27 @@ def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     if alone or isinstance(effect, Dependence) or proof.support >= _LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
+
+
+def cancelling(problem: Problem, parts: Sequence[FittedEffect]) -> list[str]:
+    """For each part, why it is no effect of its own: another one takes most of its response back; "" where none does.
+
+    A filter and an early clock together smooth without delay, an encoder's zero and a turned sensor hardly act: what
+    two large effects leave when they cancel follows something else.
+    """
+
+    def energy(chosen: Sequence[FittedEffect]) -> float:
+        rest = [part for part in parts if part not in chosen]
+        response = whole - problem.predicted(problem.compose(rest)[1])
+        return float(np.sum((response / problem.noise.sigma) ** 2))
+
+    whole = problem.predicted(problem.compose(parts)[1])
+    alone = [energy([part]) for part in parts]
+    found = [""] * len(parts)
+    for i, j in itertools.combinations(range(len(parts)), 2):
+        if energy([parts[i], parts[j]]) < _CANCELS * min(alone[i], alone[j]):
+            found[i], found[j] = (f"{parts[k].effect.name} would cancel it" for k in (j, i))
+    return found
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
