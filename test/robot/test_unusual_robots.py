@@ -7,7 +7,7 @@ from urdf_parts import joint, link, robot
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import JointStream, PoseStream
-from poise.robot import BaseMotion, JointSource, base_motion_at, RobotModel, motion_from_joints, robot_of, sensor_motion
+from poise.robot import BaseMotion, JointSource, RobotModel, base_motion_at, motion_from_joints, robot_of, sensor_motion
 
 SECONDS = np.arange(0.0, 4.0, 0.01)
 STAMPS = np.round(SECONDS * 1e9).astype(np.int64)

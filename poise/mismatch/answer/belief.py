@@ -21,6 +21,8 @@ _MISFIT = 4.0
 _VARIES = 0.01
 """Share of its own log evidence by which the laws of an effect may be wrong without another cause: those of real
 friction, rotors and links vary by up to that (benchmarks.real)."""
+_MATERIAL_VARIATION = 0.9
+"""Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
@@ -44,12 +46,14 @@ class EffectBelief:
         rivals: (name, probability) of effects that could replace it, the likeliest first.
         alike: names of effects that the recording cannot distinguish from it.
         basis: of the probability; None where the readings alone show the effect.
+        varies_with: what it would have to vary with to explain the recording, which is against it; "" if it need not.
     """
 
     probability: float
     rivals: tuple[tuple[str, float], ...]
     alike: tuple[str, ...]
     basis: "BeliefBasis | None"
+    varies_with: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,7 +148,8 @@ def beliefs(
         reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
         equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
         kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
-        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis))
+        against_it = variation.state if basis.varies > _MATERIAL_VARIATION else ""
+        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis, against_it))
     return tuple(found)
 
 

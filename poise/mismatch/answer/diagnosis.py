@@ -282,7 +282,7 @@ def _examined(
     varied = variations(final, best.parts)
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside)
     unnamed = unclear(named)
-    doubts = {each.effect.name: f"other causes are as likely: {likelihoods(each)}" for each in unnamed}
+    doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"

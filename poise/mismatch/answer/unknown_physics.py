@@ -33,9 +33,11 @@ def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 
 def likelihoods(effect: NamedEffect) -> str:
-    """The probability of an effect and of its likeliest rivals, as a clause."""
+    """The probability of an effect and of its likeliest rivals, and what speaks against it."""
     found = [(effect.effect.name, effect.belief.probability), *effect.belief.rivals[:3]]
-    return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in found)
+    state = effect.belief.varies_with
+    doubt = f" ({effect.effect.name} would have to vary with {state.replace('_', ' ')})" if state else ""
+    return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in found) + doubt
 
 
 def unknown_physics(

@@ -40,7 +40,7 @@ channel: a smaller one may be an error of the measured motion, which a brief eve
 nothing is left at other times, the energy of the whole residual during the event counts."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
-_LEAST_BESIDE = 100.0
+LEAST_BESIDE = 100.0
 """log evidence that an event, or an effect beside a stronger one, must win: noise of other families than those of the
 noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
@@ -180,7 +180,7 @@ def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     A lasting effect that is alone explains everything that there is to explain; its probability says how weak it is.
     """
     alone = effect.transfers and proof.support >= strongest
-    if alone or isinstance(effect, Dependence) or proof.support >= _LEAST_BESIDE:
+    if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
 

@@ -21,7 +21,7 @@ _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
 _PIECE = 0.7
 """Share of the gain of a simple effect below which one that contains it is not fitted."""
-_THRESHOLD = 3.0
+THRESHOLD = 3.0
 """log evidence from which a hypothesis is refined."""
 
 
@@ -31,15 +31,16 @@ def beside(
     effects: Sequence[Effect],
     limit: TimeLimit,
     known: FittedEffect | None = None,
+    least: float = THRESHOLD,
 ) -> list[EffectCandidate]:
     """Each effect added to some parts, at its most likely values; the most promising first.
 
     Slow effects are screened on averaged samples, fast ones at the full rate. The values of a `known` one are among the
-    points from which its fit may start.
+    points from which its fit may start. Effects that cannot win `least` of log evidence are not refined.
     """
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
-    slow = _screened(rough, parts, [effect for effect in effects if not effect.fast], limit, known)
-    fast = _screened(full, parts, [effect for effect in effects if effect.fast], limit, known)
+    slow = _screened(rough, parts, [effect for effect in effects if not effect.fast], limit, known, least)
+    fast = _screened(full, parts, [effect for effect in effects if effect.fast], limit, known, least)
     return sorted((*slow, *fast), key=lambda each: -each.gain)
 
 
@@ -49,6 +50,7 @@ def _screened(
     effects: Sequence[Effect],
     limit: TimeLimit,
     known: FittedEffect | None,
+    threshold: float,
 ) -> list[EffectCandidate]:
     """Each effect added to some parts at one rate, the most promising first.
 
@@ -82,7 +84,7 @@ def _screened(
     # others then end their refinement early.
     for each in sorted(seen, key=lambda each: (np.isinf(each.potential), bool(each.effect.made_of), -each.potential)):
         pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
-        least = max(_THRESHOLD, _REACH * top, *pieces)
+        least = max(threshold, _REACH * top, *pieces)
         done = each
         if not isinstance(each.effect, FreeCurve):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}

@@ -17,8 +17,9 @@ from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exc
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.proof import LEAST_BESIDE
 from poise.mismatch.inference.replacements import LOOKALIKE, NEAR, NEAR_SHARE
-from poise.mismatch.inference.screening import beside
+from poise.mismatch.inference.screening import THRESHOLD, beside
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.reading import on_efforts
@@ -34,7 +35,8 @@ _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
 """Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
-_MOST_PARTS = 3
+_MOST_PARTS, _FURTHER = 3, 0.3
+"""Effects of an answer, and the share of the evidence that a further one needs from which its values are refined."""
 _WIDER = 1.3
 """log evidence that an exceeded tolerance must win."""
 _NEW_PHYSICS = 6.0
@@ -227,7 +229,8 @@ def prescreen(
     known = Counter(names(best))
     free = [effect for effect in effects if effect.name not in taken or 0 < known[effect.name] < effect.most]
     problem = _calm(state.under(best), best)
-    found = beside(problem, best.parts, free, state.limit)
+    # What wins less than a part of what a further name needs is not refined: neither is it named, nor is it a rival.
+    found = beside(problem, best.parts, free, state.limit, least=_FURTHER * LEAST_BESIDE if best.parts else THRESHOLD)
     for each in found:
         if not taken & set(each.effect.made_of):
             state.gains[names(best), each.effect.name] = each.gain

@@ -8,7 +8,7 @@ assessment of model fitness via realized discrepancies").
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,9 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
     if not parts:
         return ()
     problem = problem.weighed()
+    settled = problem.settled(parts)
+    if not settled.all():  # knocks are known in size only
+        problem = replace(problem, judged=settled if problem.judged is None else settled & problem.judged)
     if problem.blocks is None and not any(part.effect.fast for part in parts):
         problem = thinned(problem)
     regression = fit(problem, parts, 0).regression
