@@ -31,6 +31,8 @@ _LEAST_OF_REST = 0.5
 remains there can imitate a smaller one. What remains in other joints or axes cannot."""
 _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
+_LEAST_OF_BASE = 0.1
+"""Least fall of the squared error by a curve over the base's acceleration: splines through odometry round its corners."""
 _EXCESS = 0.05
 """Energy above that of the noise, as its share, from which a residual may be called unknown physics; the test of the
 final residual has the same limit."""
@@ -161,6 +163,12 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
+    if (
+        isinstance(part.effect, Dependence)
+        and part.effect.state == "base_acceleration"
+        and proof.share < _LEAST_OF_BASE
+    ):
+        return "the odometry of the base may be wrong by as much"
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
     if shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"

@@ -62,6 +62,7 @@ def _marked(
     problem: Problem, others: Sequence[FittedEffect], own: EffectCandidate, candidates: dict[str, EffectCandidate]
 ) -> dict[str, EffectCandidate]:
     """The candidates, with a mark on those whose response is that of the effect itself."""
+    own = candidates[own.effect.name]
     near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < EQUAL_EVIDENCE]
     near = [each for each in near if not isinstance(each.effect, FreeCurve)]
     if not near:
@@ -69,8 +70,14 @@ def _marked(
     recorded, level = problem.compose(others)[1], problem.noise.sigma
     response = own.effect.simulate(recorded, own.values) / level
     size = _SAME * float(np.sum(response**2))
-    apart = {each: np.sum((each.effect.simulate(recorded, each.values) / level - response) ** 2) for each in near}
-    return candidates | {each.effect.name: replace(each, same=True) for each in near if apart[each] < size}
+    same = {
+        each.effect.name: replace(each, same=True)
+        for each in near
+        # The smoothing in the calibration makes delays equal that were compared in full.
+        if (each.effect.delay and own.effect.delay)
+        or np.sum((each.effect.simulate(recorded, each.values) / level - response) ** 2) < size
+    }
+    return candidates | same
 
 
 def _delays(

@@ -8,7 +8,7 @@ assessment of model fitness via realized discrepancies").
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -49,15 +49,15 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
     if not parts:
         return ()
     problem = problem.weighed()
-    settled = problem.settled(parts)
-    if not settled.all():  # knocks are known in size only
-        problem = replace(problem, judged=settled if problem.judged is None else settled & problem.judged)
     if problem.blocks is None and not any(part.effect.fast for part in parts):
         problem = thinned(problem)
     regression = fit(problem, parts, 0).regression
     whole = problem.predicted(problem.compose(parts)[1])
     found = []
     for part in parts:
+        if part.effect.knocks:
+            found.append(Variation("", 0.0))
+            continue
         rest = [other for other in parts if other is not part]
         response = whole - problem.predicted(problem.compose(rest)[1])
         gains = {}
