@@ -32,7 +32,7 @@ remains there can imitate a smaller one. What remains in other joints or axes ca
 _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
 _LEAST_OF_BASE = 0.1
-"""Least fall of the squared error by a curve over the base's acceleration: splines through odometry round its corners."""
+"""Least fall of the squared error by a curve over the base's acceleration: splines through odometry round corners."""
 _EXCESS = 0.05
 """Energy above that of the noise, as its share, from which a residual may be called unknown physics; the test of the
 final residual has the same limit."""
