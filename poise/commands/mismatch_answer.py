@@ -110,6 +110,7 @@ def _effect(finding: NamedEffect) -> dict[str, Any]:
         "sentence": finding.sentence,
         "rivals": [{"name": name, "probability": chance} for name, chance in finding.belief.rivals],
         "indistinguishable_from": finding.belief.alike,
+        "varies_with": finding.belief.varies_with,
         "separating_motion": finding.effect.separating_motion,
     }
 
@@ -121,6 +122,9 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"The recording and the simulation agree within the tolerances ({100 * found.probability:.1f} %).")
     for finding in found.findings:
         people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
+        if finding.belief.varies_with:
+            state = finding.belief.varies_with.replace("_", " ")
+            people.print(f"  It would have to vary with {state}: another cause may resemble it.", soft_wrap=True)
         if finding.belief.alike:
             people.print(
                 f"  Indistinguishable from {', '.join(finding.belief.alike)} in this recording; "

@@ -25,6 +25,8 @@ Values = Mapping[str, float]
 LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction")
 """In the order in which they act; friction acts on joint efforts alone."""
 
+_EDGE = 1e-6
+"""Of the unit interval: a fit stops a parameter this far from an end of its range."""
 _END = 1e-4
 """Of the unit interval: a parameter this close to an end of its range was stopped there."""
 
@@ -95,6 +97,18 @@ class EffectParameter:
         value = low + (high - low) * min(max(place, 0.0), 1.0)
         return float(np.exp(value)) if self.log else float(np.tan(value) * self.scale) if self.peaked else value
 
+    def moved(self, value: float, step: float) -> float:
+        """The value after a step in its prior, limited to its range.
+
+        Of a peaked prior the step follows the tangent: a response is nearly linear in the value, not in its place.
+        """
+        least, most = self.from_unit(_EDGE), self.from_unit(1.0 - _EDGE)
+        if not self.peaked:
+            return self.from_unit(min(max(self.to_unit(value) + step, _EDGE), 1.0 - _EDGE))
+        width = self._stretched(self.high) - self._stretched(self.low)
+        rate = width * self.scale * (1.0 + (value / self.scale) ** 2)
+        return min(max(value + step * rate, least), most)
+
     def _stretched(self, value: float) -> float:
         return float(np.log(value)) if self.log else float(np.arctan(value / self.scale)) if self.peaked else value
 
@@ -116,9 +130,11 @@ class Effect(ABC):
         order: among effects of one layer, the lower acts first.
         needs: what the recording must hold: any of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
+        knocks: its response is a row of knocks, whose moments are known roughly.
         free_course: of an event: splines fit its time course, so that one half of it does not predict the other.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
             An answer never names an effect beside one that contains it.
+        general: it can imitate several other effects; where it does no better, one of them is the answer.
         most: how many of its kind a model may have.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
@@ -139,8 +155,10 @@ class Effect(ABC):
     transfers: ClassVar[bool] = True
     order: ClassVar[int] = 0
     fast: ClassVar[bool] = False
+    knocks: ClassVar[bool] = False
     free_course: ClassVar[bool] = False
     made_of: ClassVar[tuple[str, ...]] = ()
+    general: ClassVar[bool] = False
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
     delay: ClassVar[str] = ""
@@ -216,6 +234,11 @@ class Effect(ABC):
         for p in self.parameters(recorded):
             if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):
                 return f"{p.name} would be {values[p.name]:.3g} {p.unit}".rstrip()
+        return ""
+
+    def imitated(self, recorded: RecordedMotion, values: Values) -> str:
+        """The state that another cause depends on which acts like these values; "" where nothing speaks for one."""
+        del recorded, values
         return ""
 
     def untestable(self, recorded: RecordedMotion) -> str:
