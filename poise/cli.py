@@ -36,8 +36,14 @@ COMMANDS = {
     "place": ("place", "Find a stable placement for one or more objects in a scene."),
     "carry": ("carry", "Plan the arm motion that picks up an object and places it in a stable pose."),
     "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
-    "compare": ("compare", "Identify what changed from one recording of a robot to another."),
-    "rollout": ("rollout", "Run a MuJoCo model freely under recorded commands, and compare it with the recording."),
+    "compare": (
+        "compare",
+        "Identify what changed from one recording of a robot to another, or from several to several.",
+    ),
+    "rollout": (
+        "rollout",
+        "Run MuJoCo models freely from recorded states, and compare their motion and wrench with the recording.",
+    ),
     "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
     "loop": ("loop", "Run the whole loop on a fake robot: scan, pick, weigh, place and carry unknown objects."),
     "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),

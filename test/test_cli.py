@@ -31,15 +31,9 @@ def strictly(text: str):
 
 def command(*arguments, stdout=subprocess.PIPE, **environment) -> subprocess.CompletedProcess:
     """Run `poise` as a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "poise.cli", *arguments],
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )
+    call = [sys.executable, "-m", "poise.cli", *arguments]
+    given = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    return subprocess.run(call, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=60, cwd=ROOT, env=given)
 
 
 @pytest.fixture

@@ -90,22 +90,21 @@ def identify(
     try:
         return identify_wrenches(wrench, kinematics, estimator, keep_history=keep_history, progress=progress)
     except NoAnswerError as error:
-        if (apart := _seconds_apart(wrench, kinematics.source)) <= 0:
-            raise
-        sentence = (
-            f"{recording.path}: wrench and motion do not overlap, {apart:.3g} s lie between them: are their clocks the"
-            " same?"
-        )
-        raise NoAnswerError(error.code, sentence, **error.data) from error
+        if lacking := _without_overlap(wrench, kinematics.source):
+            raise NoAnswerError(error.code, f"{recording.path}: {lacking}", **error.data) from error
+        raise
 
 
-def _seconds_apart(wrench: WrenchStream, source: MotionSource) -> float:
-    """From the end of the earlier one of two streams to the begin of the later one; not positive where they overlap."""
+def _without_overlap(wrench: WrenchStream, source: MotionSource) -> str:
+    """The sentence about two streams of which one ends before the other begins; "" where they overlap."""
     newest = source.newest
     moved = source.stamps(0, newest) if newest is not None else wrench.stamps
     if not len(moved) or not len(wrench):
-        return 0.0
-    return 1e-9 * float(max(wrench.stamps[0] - moved[-1], moved[0] - wrench.stamps[-1]))
+        return ""
+    apart = 1e-9 * float(max(wrench.stamps[0] - moved[-1], moved[0] - wrench.stamps[-1]))
+    if apart <= 0:
+        return ""
+    return f"wrench and motion do not overlap, {apart:.3g} s lie between them: are their clocks the same?"
 
 
 def identify_wrenches(

@@ -32,7 +32,7 @@ _UNITS = np.repeat([1.0, LEVER], 3)
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class ShownCalibration:
     """What a residual says of E.
 
     Args:
@@ -68,7 +68,7 @@ class Calibration:
         return int(found[0]), int(found[1])
 
 
-def calibration_of(slow: SlowResidual) -> Calibration:
+def calibration_of(slow: SlowResidual) -> ShownCalibration:
     """See the file. With little load or few attitudes, the residual says nothing, and little is added."""
     sums = _Sums(slow)
     fitted = _Fitted(sums, slow.white_levels)
@@ -129,7 +129,7 @@ class _Fitted:
         least = slow.white_levels[[0, 3]] ** 2
         return np.repeat(np.sqrt(np.maximum(squares, least) * (1 + alike) / (1 - alike)), 3)
 
-    def answer(self) -> Calibration:
+    def answer(self) -> ShownCalibration:
         """Averaged over the sizes that E may have."""
         variances = np.square(_SIZES)[:, None]
         grown = 1.0 + variances * self._values
@@ -141,7 +141,7 @@ class _Fitted:
         second = (means.T * chances) @ means + np.diag(chances @ (variances / grown))
         spread = self._axes @ (second - np.outer(mean, mean)) @ self._axes.T
         shifts = self._taken[:10] @ self._axes
-        return Calibration(
+        return ShownCalibration(
             entries=(self._axes @ mean).reshape(6, 6),
             deviations=np.sqrt(np.diag(spread).clip(min=0.0)).reshape(6, 6),
             covariance=np.asarray(shifts @ second @ shifts.T),

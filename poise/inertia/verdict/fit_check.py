@@ -15,7 +15,7 @@ from poise.errors import ErrorCode
 from poise.inertia.model import (
     EstimateFinding,
 )
-from poise.inertia.verdict.calibration import Calibration, calibration_of
+from poise.inertia.verdict.calibration import ShownCalibration, calibration_of
 from poise.inertia.verdict.clipping import ExtremeReadings
 from poise.inertia.verdict.samples import FitSamples
 from poise.inertia.verdict.slow_residual import LEVER, PARTS, Extension, Fit, SlowResidual, sizes
@@ -288,7 +288,7 @@ def _lever_test(slow: SlowResidual) -> FitTest:
     return FitTest("lever", error, _LEVER_SHARE + _LEVER_CERTAIN * doubt, np.inf, words)
 
 
-def _calibration_test(found: Calibration) -> FitTest:
+def _calibration_test(found: ShownCalibration) -> FitTest:
     value, limit = found.worst
     return FitTest("calibration", value, limit, np.inf, found.words)
 

@@ -114,43 +114,52 @@ def beliefs(
         misfit: share of the error of the nominal model that the answer leaves above the noise.
         beside: for each part, the state on which an unknown effect depends that may stand in its place; "" without one.
     """
-    lost = set(model.dropped) - {part.effect.name for part in model.fit.parts}
-    found = []
-    for part, proof, candidates, variation, state in zip(
-        model.fit.parts, model.proofs, instead, varied, beside, strict=True
-    ):
-        name = part.effect.name
-        own = candidates[name].gain if name in candidates else -math.inf
-        own = own if math.isfinite(own) else proof.evidence
-        gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
-        odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
-        # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
-        curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
-        odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
-        ruled = _equal_by_rule(model, part, proof, state)
-        if any(effect_named(rival) is None for rival in ruled):
-            odds.pop(curve, None)
-        odds |= dict.fromkeys(ruled, 1.0)
-        ruled |= {rival for rival in odds if rival in candidates and candidates[rival].same}
-        # An effect that contains the name and does no better is no rival.
-        against = {
-            rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
-        }
-        compared = {rival: value for rival, value in against.items() if rival not in ruled}
-        basis = BeliefBasis(
-            proof.support,
-            sum(compared.values()),
-            len(against) - len(compared),
-            not part.effect.transfers,
-            variation.gain / (EQUAL_EVIDENCE + _VARIES * max(proof.evidence, 0.0)),
-        )
-        counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
-        reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
-        equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
-        kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
-        against_it = variation.state if basis.varies > _MATERIAL_VARIATION else ""
-        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis, against_it))
-    return tuple(found)
+    parts = zip(model.fit.parts, model.proofs, instead, varied, beside, strict=True)
+    return tuple(_belief(model, *each, misfit) for each in parts)
+
+
+def _belief(
+    model: ProvenModel,
+    part: FittedEffect,
+    proof: EffectProof,
+    candidates: Mapping[str, EffectCandidate],
+    variation: Variation,
+    beside: str,
+    misfit: float,
+) -> EffectBelief:
+    """Of one effect of an answer; see `beliefs`."""
+    lost = set(model.dropped) - {other.effect.name for other in model.fit.parts}
+    name = part.effect.name
+    own = candidates[name].gain if name in candidates else -math.inf
+    own = own if math.isfinite(own) else proof.evidence
+    gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
+    odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
+    # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
+    curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
+    odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
+    ruled = _equal_by_rule(model, part, proof, beside)
+    if any(effect_named(rival) is None for rival in ruled):
+        odds.pop(curve, None)
+    odds |= dict.fromkeys(ruled, 1.0)
+    ruled |= {rival for rival in odds if rival in candidates and candidates[rival].same}
+    # An effect that contains the name and does no better is no rival.
+    against = {
+        rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
+    }
+    compared = {rival: value for rival, value in against.items() if rival not in ruled}
+    basis = BeliefBasis(
+        proof.support,
+        sum(compared.values()),
+        len(against) - len(compared),
+        not part.effect.transfers,
+        variation.gain / (EQUAL_EVIDENCE + _VARIES * max(proof.evidence, 0.0)),
+    )
+    counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
+    reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
+    equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
+    kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
+    against_it = variation.state if basis.varies > _MATERIAL_VARIATION else ""
+    return EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis, against_it)
 
 
 def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:

@@ -292,11 +292,8 @@ def _examined(
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside)
     unnamed = unclear(named)
     doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
-    channels = (
-        WRENCH_CHANNELS
-        if problem.recorded.effort is None or problem.signal == "wrench"
-        else problem.recorded.effort.names
-    )
+    effort = None if problem.signal == "wrench" else problem.recorded.effort
+    channels = WRENCH_CHANNELS if effort is None else effort.names
     return SignalDiagnosis(
         problem=final,
         nominal=nominal,

@@ -1,4 +1,4 @@
-"""Physics that an answer does not name: outside the library, or not to be told apart from other effects."""
+"""Physics that an answer does not name: outside the library, or not to be distinguished from other effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -127,7 +127,7 @@ class PlateContact(Effect):
         return super().implausible(recorded, values) or brief or both
 
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
-        """What rests takes energy from the tool and returns a part of it; a magnet, or somebody's hand, gives first."""
+        """What rests takes energy from the tool and returns a part of it; a magnet, or a person's hand, gives first."""
         force = _hats(recorded.seconds, values["start"], values["length"]) @ _forces(values)
         point = np.array([values[name] for name in _POINT])
         velocity = recorded.velocity_in_world + recorded.to_world(cross(recorded.angular_velocity, point))

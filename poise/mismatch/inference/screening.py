@@ -58,10 +58,7 @@ def _screened(
     """
     here = linearization_point(problem, parts)
     regression = here.regression
-    few = here.recorded
-    if problem.blocks is not None:
-        middle = problem.blocks.middle(len(problem.seconds))
-        few = few.once(("middles", problem.signal, int(middle.sum())), lambda: _picked(here.recorded, problem, middle))
+    few = _middles(here.recorded, problem)
     seen = []
     for effect in effects:
         # At the deadline, a known effect is still compared.
@@ -95,6 +92,14 @@ def _screened(
         found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
+
+
+def _middles(recorded: RecordedMotion, problem: Problem) -> RecordedMotion:
+    """The samples in the middles of the blocks."""
+    if problem.blocks is None:
+        return recorded
+    middle = problem.blocks.middle(len(problem.seconds))
+    return recorded.once(("middles", problem.signal, int(middle.sum())), lambda: _picked(recorded, problem, middle))
 
 
 def _picked(recorded: RecordedMotion, problem: Problem, rows: Mask) -> RecordedMotion:

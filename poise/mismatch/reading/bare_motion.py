@@ -27,12 +27,9 @@ def bare_motion(streams: MeasuredStreams, joints: JointStream) -> RecordedMotion
     Raises:
         InputError: TOO_FEW_SAMPLES; as `usable`.
     """
-    rows = np.isfinite(joints.position).all(axis=1)
-    if rows.sum() < _FEWEST:
-        raise InputError(
-            ErrorCode.TOO_FEW_SAMPLES, f"{streams.name}: {int(rows.sum())} joint states are too few to compare"
-        )
-    joints = joints.select(rows)
+    joints = joints.select(np.isfinite(joints.position).all(axis=1))
+    if len(joints) < _FEWEST:
+        raise InputError(ErrorCode.TOO_FEW_SAMPLES, f"{streams.name}: {len(joints)} joint states are too few")
     wrench = None if streams.wrench is None else usable(streams.wrench)[0]
     start = int((joints if wrench is None else wrench).stamps[0])
     seconds = seconds_since(joints.stamps, start)
@@ -45,8 +42,7 @@ def bare_motion(streams: MeasuredStreams, joints: JointStream) -> RecordedMotion
     count, number = int(known.sum()), len(joints.names)
     measured = np.full((count, 6), np.nan) if wrench is None else wrench.wrench_in_sensor[known]
     flat = np.zeros((count, 3))
-    commands = streams.commands
-    end = int(joints.stamps[-1])
+    commands, end = streams.commands, int(joints.stamps[-1])
     return RecordedMotion(
         start=start,
         seconds=wanted[known],
