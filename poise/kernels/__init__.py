@@ -6,7 +6,7 @@ False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leave
 
 - `averaging`: hypotheses about a payload. `bounds`: least squares with bounds. `chain`: forward kinematics.
 - `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and moving parts.
-- `robust`: least squares that weigh outliers less. `smoothing`: splines.
+- `robust`: least squares that weigh outliers less. `smoothing`: splines. `statics`: bodies in contact.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -30,10 +30,14 @@ if TYPE_CHECKING:
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
     from poise.kernels.smoothing import CompiledSplines
+    from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
 
 __all__ = [
     "COMPILED",
     "Chain",
+    "CompiledBodies",
+    "CompiledConeProgram",
+    "CompiledElastic",
     "CompiledHypotheses",
     "CompiledSplines",
     "between_stops",
@@ -52,6 +56,9 @@ __all__ = [
 ]
 
 _FILES = {
+    "CompiledBodies": "statics",
+    "CompiledConeProgram": "statics",
+    "CompiledElastic": "statics",
     "CompiledHypotheses": "averaging",
     "bias_taken_out": "averaging",
     "evidence": "averaging",

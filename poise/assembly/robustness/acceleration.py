@@ -254,7 +254,7 @@ def _elastic(
         found = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline, expected)
         checked[row], known[row] = found.value, found.known
         if found.twist is not None:
-            falls[row] = Mechanism(block, found.twist)
+            falls[row] = Mechanism.elastic(block, found.twist)
     return checked, known, falls
 
 

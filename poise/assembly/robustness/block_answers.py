@@ -106,6 +106,6 @@ def check_elastic(
             if found.value < above:
                 limit_loads.lower[question] = min(float(limit_loads.lower[question]), found.value)
                 if found.twist is not None:
-                    limit_loads.mechanisms[question] = Mechanism(block, found.twist)
+                    limit_loads.mechanisms[question] = Mechanism.elastic(block, found.twist)
     limit_loads.complete &= bool(known[wanted].all())
     limit_loads.checked |= known

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from poise.assembly.contact import FIXED_NODE, Interface
 from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
 from poise.assembly.statics.body_stiffness import BodyStiffness
+from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import plane_axes
+from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
 
 CATCH = 1e-8
@@ -58,9 +61,11 @@ class ElasticContacts:
     Args:
         geometry: of the block.
         interfaces: in order.
+        order: in which bodies are eliminated, where it is known.
     """
 
-    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface]) -> None:
+    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface], order: Elimination | None = None) -> None:
+        self._order = order
         points = _elastic_points(geometry, interfaces)
         self.interface = points.interface
         self.stiffness, self.friction = points.stiffness, points.friction
@@ -68,13 +73,14 @@ class ElasticContacts:
         self.count = geometry.count
         self._starts = np.searchsorted(points.interface, np.arange(len(interfaces)))
         # The ground is one more body, whose motion and forces are dropped.
-        self._sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
-        self._stiffness_of_bodies = BodyStiffness(self._sides, self.count)
+        self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
+        self._stiffness_of_bodies = BodyStiffness(self.sides, self.count)
+        self._wrenches = points.wrenches
         self._lay_out(points.wrenches)
 
     def _lay_out(self, wrenches: Array) -> None:
         """Prepare the map (3 P, 6 n) from displacements to relative ones, and wrenches padded to equal interfaces."""
-        bodies = np.where(self._sides == self.count, FIXED_NODE, self._sides)
+        bodies = np.where(self.sides == self.count, FIXED_NODE, self.sides)
         forces: Sparse = assembled(wrenches, bodies[self.interface], self.count)
         few = self._stiffness_of_bodies.kind == "dense"
         self._forces: Any = forces.toarray() if few else forces.tocsr()
@@ -87,6 +93,13 @@ class ElasticContacts:
         self._padded = padded
         # (I, 6, 3 M): the wrenches of an interface side by side.
         self._columns = np.ascontiguousarray(padded.reshape(len(self._starts), 3 * each, 6).transpose(0, 2, 1))
+
+    @cached_property
+    def compiled(self) -> "CompiledElasticContacts | None":
+        """The same in compiled form; None where the kernels are not installed."""
+        if not COMPILED:
+            return None
+        return CompiledElasticContacts(self, self._wrenches, self._order or Elimination.of(self.sides, self.count))
 
     @cached_property
     def glued(self) -> Stiffness:
@@ -168,6 +181,50 @@ class ElasticContacts:
         pairs = self._columns @ rows.reshape(len(self._columns), -1, 6)
         bodies = self._stiffness_of_bodies
         return Stiffness(bodies, bodies.matrix(pairs, self.catch))
+
+
+class CompiledElasticContacts:
+    """Elastic contacts whose loops run in C; displacements and loads (6 n,) in the order of the bodies.
+
+    Args:
+        contacts: the same ones.
+        wrenches: (P, 3, 6) of unit forces at their points.
+        order: in which bodies are eliminated.
+    """
+
+    def __init__(self, contacts: ElasticContacts, wrenches: Array, order: Elimination) -> None:
+        self._entries = order.entries
+        springs = np.searchsorted(contacts.interface, np.arange(len(contacts.sides) + 1))
+        arrays = springs, wrenches, contacts.stiffness, contacts.friction
+        self._kernel = CompiledElastic(order.compiled, *arrays, catch=contacts.catch, slack=_SLACK)
+
+    def _back(self, found: Array) -> Array:
+        out = np.empty_like(found)
+        out[self._entries] = found
+        return out
+
+    def descend(
+        self, load: Array, start: Array, bounds: Array | None, enough: float, steps: int, deadline: Deadline
+    ) -> Array:
+        """As `CoulombBlock._descend`."""
+        given = load[self._entries], start[self._entries], bounds, enough, steps, deadline.remaining
+        return self._back(self._kernel.descend(*given))
+
+    def left(self, u: Array, load: Array) -> Array:
+        """As `ElasticContacts.left`, with friction as Coulomb's law says."""
+        return self._back(self._kernel.left(u[self._entries], load[self._entries]))
+
+    def reach(
+        self, load: Array, push: Array, start: Array, enough: float, steps: int, deadline: Deadline
+    ) -> tuple[Array, float, float, int]:
+        """The displacement, factor, merit and steps that `CoulombBlock._reach` wants."""
+        given = load[self._entries], push[self._entries], start[self._entries], enough, steps, deadline.remaining
+        u, factor, left, taken = self._kernel.reach(*given)
+        return self._back(u), factor, left, taken
+
+    def response(self, at: Array | None, push: Array) -> Array:
+        """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""
+        return self._back(self._kernel.response(None if at is None else at[self._entries], push[self._entries]))
 
 
 def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Points:
