@@ -90,24 +90,21 @@ static int factor_block(double *a, int64_t *exchanges) {
   return POISE_OK;
 }
 
-/* Rows x of a (6, 6) become solutions of x T^T = a: T is lower, with ones on its diagonal if `plain`. */
-static void divide_by_lower(double *a, const double *t, int plain) {
-  for (int r = 0; r < SIDE; r++)
-    for (int j = 0; j < SIDE; j++) {
-      double sum = a[SIDE * r + j];
-      for (int k = 0; k < j; k++) sum -= a[SIDE * r + k] * t[SIDE * j + k];
-      a[SIDE * r + j] = plain ? sum : sum / t[SIDE * j + j];
+/* Rows x of a (6, 6) become solutions of x T = a: T is upper, given as rows that are those of `t` or, where it is
+   `lower`, those of its transpose. A lower T has ones on its diagonal if `plain`. */
+static void divide(double *restrict a, const double *restrict t, int lower, int plain) {
+  double turned[BLOCK];
+  transpose(a, turned);
+  for (int j = 0; j < SIDE; j++) {
+    double *restrict row = turned + SIDE * j;
+    for (int k = 0; k < j; k++) {
+      const double weight = lower ? t[SIDE * j + k] : t[SIDE * k + j];
+      for (int i = 0; i < SIDE; i++) row[i] -= weight * turned[SIDE * k + i];
     }
-}
-
-/* Rows x of a (6, 6) become solutions of x U = a. */
-static void divide_by_upper(double *a, const double *u) {
-  for (int r = 0; r < SIDE; r++)
-    for (int j = 0; j < SIDE; j++) {
-      double sum = a[SIDE * r + j];
-      for (int k = 0; k < j; k++) sum -= a[SIDE * r + k] * u[SIDE * k + j];
-      a[SIDE * r + j] = sum / u[SIDE * j + j];
-    }
+    const double scale = plain ? 1.0 : 1.0 / t[SIDE * j + j];
+    for (int i = 0; i < SIDE; i++) row[i] *= scale;
+  }
+  transpose(turned, a);
 }
 
 static void exchange_columns(double *a, const int64_t *exchanges) {
@@ -145,24 +142,29 @@ int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
     if (status) return status;
     for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++) {
       if (matrix->upper) {
-        divide_by_upper(matrix->lower + BLOCK * b, pivot);
+        divide(matrix->lower + BLOCK * b, pivot, 0, 0);
         exchange_columns(matrix->upper + BLOCK * b, exchanges);
-        divide_by_lower(matrix->upper + BLOCK * b, pivot, 1);
+        divide(matrix->upper + BLOCK * b, pivot, 1, 1);
       } else
-        divide_by_lower(matrix->lower + BLOCK * b, pivot, 0);
+        divide(matrix->lower + BLOCK * b, pivot, 1, 0);
     }
     eliminate(bodies, matrix, k);
   }
   return POISE_OK;
 }
 
-/* out (6) -= a x, or a^T x */
-static void subtract_applied(const double *a, const double *x, int turned, double *out) {
+/* out (6) -= a x */
+static inline void subtract_applied(const double *restrict a, const double *restrict x, double *restrict out) {
   for (int i = 0; i < SIDE; i++) {
-    double sum = 0.0;
-    for (int j = 0; j < SIDE; j++) sum += (turned ? a[SIDE * j + i] : a[SIDE * i + j]) * x[j];
-    out[i] -= sum;
+    const double *row = a + SIDE * i;
+    out[i] -= (row[0] * x[0] + row[1] * x[1]) + (row[2] * x[2] + row[3] * x[3]) + (row[4] * x[4] + row[5] * x[5]);
   }
+}
+
+/* out (6) -= a^T x */
+static inline void subtract_turned(const double *restrict a, const double *restrict x, double *restrict out) {
+  for (int j = 0; j < SIDE; j++)
+    for (int i = 0; i < SIDE; i++) out[i] -= a[SIDE * j + i] * x[j];
 }
 
 void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix, double *right) {
@@ -181,13 +183,13 @@ void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix,
       if (!plain) x[i] /= pivot[SIDE * i + i];
     }
     for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++)
-      subtract_applied(matrix->lower + BLOCK * b, x, 0, right + SIDE * bodies->rows[b]);
+      subtract_applied(matrix->lower + BLOCK * b, x, right + SIDE * bodies->rows[b]);
   }
   for (int64_t k = bodies->count - 1; k >= 0; k--) {
     const double *pivot = matrix->diagonal + BLOCK * k;
     double *x = right + SIDE * k;
     for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++)
-      subtract_applied((plain ? matrix->upper : matrix->lower) + BLOCK * b, right + SIDE * bodies->rows[b], 1, x);
+      subtract_turned((plain ? matrix->upper : matrix->lower) + BLOCK * b, right + SIDE * bodies->rows[b], x);
     for (int i = SIDE - 1; i >= 0; i--) {
       for (int j = i + 1; j < SIDE; j++) x[i] -= (plain ? pivot[SIDE * i + j] : pivot[SIDE * j + i]) * x[j];
       x[i] /= pivot[SIDE * i + i];

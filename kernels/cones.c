@@ -545,8 +545,9 @@ static void leave_centre(struct solver *solver, struct iterate *it, int central)
   for (int64_t i = 0; i <= at->rows; i++) it->z[i] = far * it->z[i] + it->dz[i];
 }
 
-/* Solve for the load in `q`, from the centre that x, s, z and the factors are of. Returns SOLVED or STUCK. */
-static int solve_program(struct solver *solver, struct iterate *it, int central, int64_t *steps) {
+/* Solve for the load in `q`, from the centre that x, s, z and the factors are of, or until the most power is known to be
+   at most `enough`. Returns SOLVED or STUCK. */
+static int solve_program(struct solver *solver, struct iterate *it, int central, double enough, int64_t *steps) {
   const struct layout *at = &solver->at;
   const double tolerance = solver->program->tolerance, size_q = largest_of(it->q, at->unknowns);
   leave_centre(solver, it, central);
@@ -555,7 +556,7 @@ static int solve_program(struct solver *solver, struct iterate *it, int central,
     const double value = dot(it->q, it->x, at->unknowns), apart = fabs(value + it->z[at->rows]);
     if (!isfinite(it->mu)) return STUCK;
     if (it->primal <= LEFT * (1.0 + largest_of(it->x, at->unknowns)) && it->dual <= LEFT * (1.0 + size_q) &&
-        apart <= tolerance * fmax(1.0, fabs(value)))
+        (apart <= tolerance * fmax(1.0, fabs(value)) || it->z[at->rows] <= enough))
       return SOLVED;
     if (!rescale(solver, it) || factor_with_shared(solver)) return STUCK;
     aim_at(solver, it, 0.0, 0);
@@ -673,10 +674,11 @@ POISE_EXPORT void poise_cones_renew(struct cone_solver *made) {
 }
 
 /* For each load (loads, 6 n): the most of w y, what the multipliers prove that it is at most, y (6 n), and the
-   multipliers (rows + 1, the shared row last). `outcome` (loads) is 0 where it was found; other answers are of no use. */
-POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, const double *load, double *value,
-                                    double *upper, double *motion, double *multipliers, int64_t *outcome,
-                                    int64_t *steps) {
+   multipliers (rows + 1, the shared row last). Where that is at most `enough` (loads), they need not be any closer.
+   `outcome` (loads) is 0 where it was found; other answers are of no use. */
+POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, const double *load, const double *enough,
+                                    double *value, double *upper, double *motion, double *multipliers,
+                                    int64_t *outcome, int64_t *steps) {
   struct solver *solver = &made->solver;
   struct iterate *it = &made->iterate;
   const int64_t size = size_of(solver->program), rows = solver->at.rows + 1;
@@ -687,7 +689,7 @@ POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, con
     solver->shared_weight = made->weight;
     solver->denominator = made->denominator;
     for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
-    outcome[q] = solve_program(solver, it, made->central, steps + q);
+    outcome[q] = solve_program(solver, it, made->central, enough[q], steps + q);
     value[q] = -dot(it->q, it->x, solver->at.unknowns);
     upper[q] = it->z[rows - 1];
     memcpy(motion + q * size, it->x, sizeof(double) * (size_t)size);

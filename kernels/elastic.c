@@ -184,7 +184,7 @@ static double merit_at(const struct elastic *contacts, struct aim *aim, const do
 }
 
 /* u (6 n) moves by damped Newton steps that lessen the merit; the power of a push on u does not change. */
-static int newton(const struct elastic *contacts, struct aim *aim, struct steps *made, double enough, int64_t steps,
+static void newton(const struct elastic *contacts, struct aim *aim, struct steps *made, double enough, int64_t steps,
                   double time, double *u, double *value, int64_t *taken) {
   const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
   const double end = time < 0.0 ? INFINITY : seconds() + time;
@@ -196,8 +196,11 @@ static int newton(const struct elastic *contacts, struct aim *aim, struct steps 
     if (aim->bounds) left_over(contacts, u, aim->load, made->relative, aim->bounds, made->rest);
     if (sqrt(dot(made->rest, made->rest, size)) <= enough || (end < INFINITY && seconds() >= end)) break;
     assemble(contacts, made->relative, aim->bounds, damping, &made->matrix);
-    const int status = bodies_factor(&contacts->bodies, &made->matrix);
-    if (status) return status;
+    if (bodies_factor(&contacts->bodies, &made->matrix)) {
+      damping = fmax(10.0 * damping, LITTLE);
+      if (damping > MOST_DAMPING) break;
+      continue;
+    }
     for (int64_t i = 0; i < size; i++) made->step[i] = -made->rest[i];
     bodies_solve(&contacts->bodies, &made->matrix, made->step);
     if (aim->push) {
@@ -227,7 +230,6 @@ static int newton(const struct elastic *contacts, struct aim *aim, struct steps 
       if (!aim->bounds) merit_at(contacts, aim, u, made->relative, made->rest);
     }
   }
-  return POISE_OK;
 }
 
 /* u (6 n) moves by damped Newton steps that lessen what is left, or the energy where friction has bounds (springs).
@@ -238,7 +240,7 @@ POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const
   struct aim aim = {.load = load, .bounds = bounds};
   double value;
   int status = make_room(contacts, &made);
-  if (!status) status = newton(contacts, &aim, &made, enough, steps, time, u, &value, taken);
+  if (!status) newton(contacts, &aim, &made, enough, steps, time, u, &value, taken);
   free(made.room);
   free(made.whole);
   return status;
@@ -253,7 +255,7 @@ POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const d
   struct aim aim = {.load = load, .push = push};
   aim.push_square = dot(push, push, SIDE * contacts->bodies.count);
   int status = make_room(contacts, &made);
-  if (!status) status = newton(contacts, &aim, &made, enough, steps, time, u, found + 1, taken);
+  if (!status) newton(contacts, &aim, &made, enough, steps, time, u, found + 1, taken);
   found[0] = aim.factor;
   free(made.room);
   free(made.whole);

@@ -209,10 +209,11 @@ class CompiledConeProgram:
         self._entries[:] = entries
         library.poise_cones_renew(self._made)
 
-    def solve(self, loads: Array) -> ConeSolutions:
-        """Solve for loads (Q, 6 n), in the order of elimination."""
+    def solve(self, loads: Array, enough: Array) -> ConeSolutions:
+        """Solve for loads (Q, 6 n), in the order of elimination; bounds of at most `enough` (Q,) are close enough."""
         given = contiguous(loads, -1, self._size, what="loads")
         count = len(given)
+        at_most = contiguous(enough, count, what="what is enough")
         found = ConeSolutions(
             np.empty(count),
             np.empty(count),
@@ -221,5 +222,5 @@ class CompiledConeProgram:
             np.empty(count, dtype=np.int64),
             np.zeros(count, dtype=np.int64),
         )
-        library.poise_cones_solve(self._made, count, address(given), *map(address, found))
+        library.poise_cones_solve(self._made, count, address(given), address(at_most), *map(address, found))
         return found

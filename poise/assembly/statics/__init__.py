@@ -17,7 +17,7 @@ from poise.assembly.statics.analysis import (
 )
 from poise.assembly.statics.block import BlockGeometry, block_geometry
 from poise.assembly.statics.changes import analysis_after, same_object
-from poise.assembly.statics.coulomb import FACTOR_TOLERANCE
+from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, ElasticFactor
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
@@ -33,6 +33,7 @@ __all__ = [
     "BlockAnalysis",
     "BlockGeometry",
     "Deadline",
+    "ElasticFactor",
     "InverseLoadFactor",
     "Loads",
     "Mechanism",

@@ -12,7 +12,7 @@ import numpy as np
 from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.assembly.statics.elastic_contacts import ElasticContacts
+from poise.assembly.statics.elastic_contacts import ElasticContacts, Stiffness
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_path import PathPoint, follow
 from poise.types import Array, Mask
@@ -59,12 +59,14 @@ class ElasticFactor:
     Args:
         value: it stands at this factor.
         known: it stands at none that is much larger; otherwise the deadline passed.
-        twist: (6 n,) the motion at the least factor at which it did not stand; None when there was none.
+        twist: (6 n,) the motion in which it collapses; None when it does not.
+        displacement: (6 n,) in the state in which it stands; None when it does not.
     """
 
     value: float
     known: bool
     twist: Array | None = None
+    displacement: Array | None = None
 
 
 class CoulombBlock:
@@ -119,9 +121,13 @@ class CoulombBlock:
     def pressed_at_rest(self) -> Mask:
         """(I,) interfaces that carry a load of the bodies they are between at rest, if only a little."""
         contacts, gravity = self.contacts, np.linalg.norm(self.geometry.gravity, axis=1)
-        normal = contacts.forces(contacts.relative(self.rest.displacement), None)[:, 0]
+        normal = self.forces(self.rest.displacement)[:, 0]
         loads = np.append(gravity, np.inf)[self.geometry.supports].min(axis=1)
         return np.asarray(np.bincount(contacts.interface, normal) > _IDLE * loads)
+
+    def forces(self, displacement: Array) -> Array:
+        """(P, 3) normal force and friction at each elastic point, at a displacement (6 n,)."""
+        return self.contacts.forces(self.contacts.relative(displacement), None)
 
     @cached_property
     def rest(self) -> ElasticState:
@@ -160,10 +166,10 @@ class CoulombBlock:
 
         path = follow(reach, rest.displacement, response, load, min(above, expected), weight, tolerance)
         if path.last.factor >= min(above, expected):
-            return ElasticFactor(min(above, expected), True)
+            return ElasticFactor(min(above, expected), True, None, path.last.displacement)
         if not path.ended and deadline.passed:
             return ElasticFactor(path.last.factor, False)
-        return ElasticFactor(path.last.factor, True, self._response(path.end, load))
+        return ElasticFactor(path.last.factor, True, self._response(path.end, load), path.last.displacement)
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
@@ -239,13 +245,9 @@ class CoulombBlock:
         for step in range(steps + 1):
             if step == steps or float(np.linalg.norm(rest)) <= enough or deadline.passed:
                 break
-            jacobian = contacts.jacobian(relative, goal.bounds, damping)
-            move = -jacobian.solve(rest)
-            if goal.push is not None:
-                along = jacobian.solve(goal.push)
-                move -= float(goal.push @ move) / float(goal.push @ along) * along
+            move = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest)
             moved, factor = contacts.moved(move), goal.factor
-            for length in (1.0, 0.5, 0.25):
+            for length in (1.0, 0.5, 0.25) if np.isfinite(move).all() else ():
                 there = relative + length * moved
                 new, new_rest = goal.merit(contacts, u + length * move, there)
                 if new < value:
@@ -270,6 +272,17 @@ class _Goal:
     bounds: Array | None = None
     push: Array | None = None
     factor: float = 0.0
+
+    def step(self, jacobian: Stiffness, rest: Array) -> Array:
+        """(6 n,) the Newton step; not finite where the stiffness is singular."""
+        try:
+            move = -jacobian.solve(rest)
+            if self.push is not None:
+                along = jacobian.solve(self.push)
+                move -= float(self.push @ move) / float(self.push @ along) * along
+        except np.linalg.LinAlgError:
+            return np.full_like(rest, np.nan)
+        return move
 
     def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
         """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""

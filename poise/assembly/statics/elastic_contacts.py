@@ -31,12 +31,14 @@ class _Points:
     """Springs of all interfaces of a block, one interface after another, in its units.
 
     Args:
+        places: (P, 2) along the tangents of the interface.
         wrenches: (P, 3, 6) of unit forces (normal and two tangents) on the second body.
         stiffness: (P,).
         friction: (P,).
         interface: (P,) number within the block.
     """
 
+    places: Array
     wrenches: Array
     stiffness: Array
     friction: Array
@@ -67,6 +69,7 @@ class ElasticContacts:
     def __init__(self, geometry: BlockGeometry, interfaces: list[Interface], order: Elimination | None = None) -> None:
         self._order = order
         points = _elastic_points(geometry, interfaces)
+        self.places = points.places
         self.interface = points.interface
         self.stiffness, self.friction = points.stiffness, points.friction
         self.catch = CATCH * float(points.stiffness.mean())
@@ -233,7 +236,7 @@ def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Po
     areas = np.array([interface.area for interface in interfaces])
     mean = areas[areas > 0].mean() if np.any(areas > 0) else 1.0
     sizes = np.where(areas > 0, np.maximum(areas / mean, 1e-2), 1e-1)
-    wrenches, stiffness = [], []
+    planes, wrenches, stiffness = [], [], []
     number: list[NDArray[np.int64]] = []
     for i, (interface, size) in enumerate(zip(interfaces, sizes, strict=True)):
         share = _AT_CORNERS if interface.area > 0 else 1.0
@@ -246,10 +249,11 @@ def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Po
             weights.append((1 - share) * cells.weights)
         points = (np.concatenate(places) - units.origin) / units.length
         frame = np.vstack([interface.normal, plane_axes(interface.normal)])
+        planes.append(points @ frame[1:].T)
         arms = np.cross(points[:, None], frame)
         wrenches.append(np.concatenate([np.broadcast_to(frame, arms.shape), arms], axis=2))
         stiffness.append(size * np.concatenate(weights))
         number.append(np.full(len(points), i))
     which = np.concatenate(number)
     mu = np.array([interface.friction for interface in interfaces])[which]
-    return _Points(np.concatenate(wrenches), np.concatenate(stiffness), mu, which)
+    return _Points(np.concatenate(planes), np.concatenate(wrenches), np.concatenate(stiffness), mu, which)

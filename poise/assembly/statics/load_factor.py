@@ -53,8 +53,10 @@ class LoadFactorProgram:
         """Replace the entries of the rows, see `PairRows`."""
         self._program.set_entries(entries)
 
-    def inverse_factor(self, load: Array) -> InverseLoadFactor:
+    def inverse_factor(self, load: Array, enough: float = 0.0) -> InverseLoadFactor:
         """InverseLoadFactor of a load (6 n,) in the block's units.
+
+        Where it is at most `enough`, its bounds need not be any closer.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
@@ -62,7 +64,7 @@ class LoadFactorProgram:
         size = float(np.abs(load).max())
         if size == 0:
             return InverseLoadFactor(0.0, 0.0, np.zeros_like(load))
-        found = self._program.solve(load / size)
+        found = self._program.solve(load / size, enough / size)
         if found.outcome is Outcome.UNBOUNDED:
             return InverseLoadFactor(np.inf, np.inf, found.motion / (found.motion @ load))
         lower, upper = found.value * size, found.upper * size

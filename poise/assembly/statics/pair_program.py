@@ -145,14 +145,14 @@ class PairProgram:
         if COMPILED:
             self._compiled.set_entries(entries)
 
-    def solve(self, load: Array) -> PairSolution:
-        """Solve for a load (6 n,).
+    def solve(self, load: Array, enough: float = -np.inf) -> PairSolution:
+        """Solve for a load (6 n,); where the most power is at most `enough`, its bounds need not be any closer.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
         if COMPILED and np.isfinite(load).all():
-            found = self._compiled.solve(load[self.order.entries][None])
+            found = self._compiled.solve(load[self.order.entries][None], np.array([enough]))
             if found.outcome[0] == 0:
                 motion = np.empty_like(load)
                 motion[self.order.entries] = found.motion[0]

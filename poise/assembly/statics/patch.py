@@ -84,7 +84,7 @@ class PatchProgram:
         """Whether friction spread like this holds the block at rest at all."""
         return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
-    def inverse_factor(self, load: Array, limit: InverseLoadFactor) -> InverseLoadFactor:
+    def inverse_factor(self, load: Array, limit: InverseLoadFactor, enough: float = 0.0) -> InverseLoadFactor:
         """Inverse load factor of a load (6 n,) with the centres of pressure where they are at collapse.
 
         Args:
@@ -92,14 +92,15 @@ class PatchProgram:
             limit: what limit analysis (of the same corners) says. It is returned when its forces are friction that
                 patches can have; where it is weaker anyway, the centres stay as they are at rest; otherwise its
                 normal forces are the first guess of where they move.
+            enough: inverse load factors of at most this need no close bounds.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
         if limit.multipliers is not None and self.allows(limit.multipliers):
             return limit
-        inverse, centres = self.resting.inverse_factor(load), self._centres
-        if limit.multipliers is None or inverse.value <= _WEAKER * limit.value + UNLIMITED:
+        inverse, centres = self.resting.inverse_factor(load, enough), self._centres
+        if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
             return inverse
         normal_forces = limit.multipliers[1::3]
         for _ in range(_MOVES):
@@ -109,7 +110,7 @@ class PatchProgram:
             if self._moving is None:
                 self._moving = self._program(self._centres)
             self._moving.set_entries(self._layout.entries(self._sliding(centres)))
-            inverse = self._moving.inverse_factor(load)
+            inverse = self._moving.inverse_factor(load, enough)
             if inverse.multipliers is not None:
                 normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
         return inverse
@@ -120,13 +121,21 @@ class PatchProgram:
         A sufficient test: friction force over its limit, plus moment about the centre of pressure over its limit, is
         at most 1 (convexity of the limit surface).
         """
-        geometry, count = self._geometry, len(self._centres)
-        which, mu = geometry.interface, geometry.friction
-        normal = multipliers[1::3]
-        along, across = multipliers[2::3] * mu, multipliers[3::3] * mu
+        geometry = self._geometry
+        friction = multipliers[2::3] * geometry.friction, multipliers[3::3] * geometry.friction
+        return self.allows_at(self._plane, geometry.interface, multipliers[1::3], *friction)
+
+    def allows_at(self, plane: tuple[Array, Array], which: Indices, normal: Array, along: Array, across: Array) -> bool:
+        """The same of any forces.
+
+        Args:
+            plane: (P,), (P,) where they act, along the tangents of their interface, in the block's units.
+            which: (P,) their interface.
+            normal, along, across: (P,) normal forces, and friction along both tangents.
+        """
+        count, (u, v) = len(self._centres), plane
         total = np.bincount(which, normal, count)
         pressed = np.maximum(total, _PRESSED)
-        u, v = self._plane
         fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
         turn = np.bincount(which, u * across - v * along, count)
         lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
