@@ -8,7 +8,9 @@
 
 #include "bodies.h"
 
-static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7;
+static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
+                    NEARLY = 1e4, GAINS = 0.7;
+enum { PATIENCE = 4 };
 
 /* The springs of all pairs, one pair after another. */
 struct elastic {
@@ -168,6 +170,7 @@ static double dot(const double *a, const double *b, int64_t count) {
 struct aim {
   const double *load, *bounds, *push;
   double push_square, factor; /* of the push, which leaves the least */
+  double compliance;          /* power of the push on its own change of u, in the last step */
 };
 
 /* What is left at u, and its size, or the energy where friction has bounds. */
@@ -188,13 +191,19 @@ static void newton(const struct elastic *contacts, struct aim *aim, struct steps
                   double time, double *u, double *value, int64_t *taken) {
   const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
   const double end = time < 0.0 ? INFINITY : seconds() + time;
-  double damping = 0.0;
+  double damping = 0.0, earlier = INFINITY;
+  int stale = 0;
   spring_motions(contacts, u, made->relative);
   for (int64_t p = 0; p < springs; p++) made->relative[3 * p] += contacts->slack;
   *value = merit_at(contacts, aim, u, made->relative, made->rest);
   for (*taken = 0; *taken < steps; ++*taken) {
     if (aim->bounds) left_over(contacts, u, aim->load, made->relative, aim->bounds, made->rest);
     if (sqrt(dot(made->rest, made->rest, size)) <= enough || (end < INFINITY && seconds() >= end)) break;
+    if (aim->push && *value <= NEARLY * enough) { /* where all slides, rounding soon leaves no more to gain */
+      stale = *value > GAINS * earlier ? stale + 1 : 0;
+      if (stale == PATIENCE) break;
+      earlier = fmin(earlier, *value);
+    }
     assemble(contacts, made->relative, aim->bounds, damping, &made->matrix);
     if (bodies_factor(&contacts->bodies, &made->matrix)) {
       damping = fmax(10.0 * damping, LITTLE);
@@ -206,7 +215,8 @@ static void newton(const struct elastic *contacts, struct aim *aim, struct steps
     if (aim->push) {
       memcpy(made->along, aim->push, sizeof(double) * (size_t)size);
       bodies_solve(&contacts->bodies, &made->matrix, made->along);
-      const double share = dot(aim->push, made->step, size) / dot(aim->push, made->along, size);
+      aim->compliance = dot(aim->push, made->along, size);
+      const double share = dot(aim->push, made->step, size) / aim->compliance;
       for (int64_t i = 0; i < size; i++) made->step[i] -= share * made->along[i];
     }
     spring_motions(contacts, made->step, made->moved);
@@ -247,7 +257,7 @@ POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const
 }
 
 /* u (6 n), of which the power of the push (6 n) does not change, becomes an equilibrium under load + factor push.
-   `found` (2) is the factor, and the size of what is left. */
+   `found` (3) is the factor, the size of what is left, and the power of the push on the change of u by it. */
 POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const double *load, const double *push,
                                          double enough, int64_t steps, double time, double *u, double *found,
                                          int64_t *taken) {
@@ -257,6 +267,7 @@ POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const d
   int status = make_room(contacts, &made);
   if (!status) newton(contacts, &aim, &made, enough, steps, time, u, found + 1, taken);
   found[0] = aim.factor;
+  found[2] = aim.compliance;
   free(made.room);
   free(made.whole);
   return status;

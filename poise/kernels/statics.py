@@ -123,17 +123,19 @@ class CompiledElastic:
 
     def reach(
         self, load: Array, push: Array, start: Array, enough: float, steps: int, remaining: float | None
-    ) -> tuple[Array, float, float, int]:
+    ) -> tuple[Array, float, float, float, int]:
         """An equilibrium under load + factor push, at which the push has the power that it has at the start.
 
         Returns:
-            (6 n,) the displacement, the factor, the size of what is left of the equations, and how many steps it took.
+            (6 n,) the displacement, the factor, the size of what is left of the equations, the power of the push on the
+            change by it in the last step (0 without a step), and how many steps it took.
         """
-        u, taken, found = np.array(start, dtype=np.float64), _INT(), np.empty(2)
+        u, taken, found = np.array(start, dtype=np.float64), _INT(), np.empty(3)
         time = -1.0 if remaining is None else remaining
         arguments = enough, steps, time, address(u), address(found), ctypes.addressof(taken)
         check(library.poise_elastic_reach(self._pointer, address(load), address(push), *arguments))
-        return u, float(found[0]), float(found[1]), taken.value
+        factor, left, compliance = found.tolist()
+        return u, factor, left, compliance, taken.value
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) the change under a small push (6 n,) at a displacement (6 n,); None: where nothing opens or slips."""

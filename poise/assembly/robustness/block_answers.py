@@ -72,6 +72,30 @@ def _limit_by(
         limit_loads.limit_by(question, 1 / inverse.upper, 1 / inverse.value, Mechanism(block, inverse.twist))
 
 
+def patch_factor(
+    block: BlockAnalysis, load: Array, found: ElasticFactor | None, limit: InverseLoadFactor | None = None
+) -> InverseLoadFactor | None:
+    """What patches hold of a load (6 n,), as far as it is less than what elastic contacts hold.
+
+    These hold as much where they turn no patch more than uniform pressure could turn it. Otherwise patches are asked.
+
+    Args:
+        block: of several bodies or interfaces.
+        load: in its units.
+        found: what elastic contacts hold; None, and where that is all that was asked: patches are asked in any case.
+        limit: what limit analysis holds, for the centres of pressure to move; None: they stay as they are at rest.
+    """
+    patch, enough = block.solvers.patch, 0.0
+    if patch is None:
+        return None
+    if found is not None and found.displacement is not None and found.value > 0:
+        contacts, forces = block.solvers.coulomb.contacts, block.solvers.coulomb.forces(found.displacement)
+        enough = 1 / found.value
+        if patch.allows_at((contacts.places[:, 0], contacts.places[:, 1]), contacts.interface, *forces.T):
+            return None
+    return patch.resting.inverse_factor(load, enough) if limit is None else patch.inverse_factor(load, limit, enough)
+
+
 def ask_patches(
     limit_loads: LimitLoads,
     block: BlockAnalysis,
@@ -81,28 +105,20 @@ def ask_patches(
     limits: dict[int, InverseLoadFactor],
     elastic: dict[tuple[int, int], ElasticFactor],
 ) -> None:
-    """Ask patches about loads (q, 6 n) on a block that limit analysis and elastic contacts were asked about before.
-
-    Where elastic contacts hold less, patches are asked only whether they hold as much. That they do where no patch is
-    turned more than uniform pressure could turn it.
-    """
-    patch = block.solvers.patch
-    if patch is None:
+    """Ask patches about loads (q, 6 n) on a block that limit analysis and elastic contacts were asked about before."""
+    if block.solvers.patch is None:
         return
     for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
         if deadline.passed:
             limit_loads.give_up(questions[row:])
             return
-        found, enough = elastic.get((id(block.solvers), question)), 0.0
-        if found is not None and found.twist is not None and found.displacement is not None:
-            contacts, forces = block.solvers.coulomb.contacts, block.solvers.coulomb.forces(found.displacement)
-            if patch.allows_at((contacts.places[:, 0], contacts.places[:, 1]), contacts.interface, *forces.T):
-                continue
-            enough = 1 / max(found.value, 1e-300)
-        if question in limits:
-            inverse = patch.inverse_factor(load, limits[question], enough)
-            if inverse.upper > enough:
-                _limit_by(limit_loads, block, question, load, inverse)
+        if question not in limits:
+            continue
+        found = elastic.get((id(block.solvers), question))
+        lowered = found is not None and found.twist is not None
+        inverse = patch_factor(block, load, found if lowered else None, limits[question])
+        if inverse is not None and (found is None or not lowered or inverse.upper * found.value > 1):
+            _limit_by(limit_loads, block, question, load, inverse)
 
 
 def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array) -> None:

@@ -25,8 +25,10 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
-_PATH_STEPS, _REACHED = 25, 1e-6
-"""Newton steps to one point of the path of a growing load, and what may be left of the equations there, per load."""
+_PATH_STEPS, _REACHED = 25, 2e-4
+"""Newton steps to one point of the path of a growing load, and what may be left there of the load on each body."""
+_NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
+"""There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 FACTOR_TOLERANCE = 0.004
@@ -61,12 +63,14 @@ class ElasticFactor:
         known: it stands at none that is much larger; otherwise the deadline passed.
         twist: (6 n,) the motion in which it collapses; None when it does not.
         displacement: (6 n,) in the state in which it stands; None when it does not.
+        approach: (6 n,) displacement a little before, to begin at under a similar load.
     """
 
     value: float
     known: bool
     twist: Array | None = None
     displacement: Array | None = None
+    approach: Array | None = None
 
 
 class CoulombBlock:
@@ -141,6 +145,7 @@ class CoulombBlock:
         deadline: Deadline = NO_DEADLINE,
         expected: float = np.inf,
         tolerance: float = FACTOR_TOLERANCE,
+        near: Array | None = None,
     ) -> ElasticFactor:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
@@ -153,6 +158,7 @@ class CoulombBlock:
             deadline: when it passes, the factor is what was found by then, and not known.
             expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
             tolerance: relative, of the factor.
+            near: (6 n,) `approach` of a similar load; None: from rest.
         """
         if deadline.passed:
             return ElasticFactor(0.0, False)
@@ -164,12 +170,15 @@ class CoulombBlock:
         def reach(start: Array) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, deadline)
 
-        path = follow(reach, rest.displacement, response, load, min(above, expected), weight, tolerance)
-        if path.last.factor >= min(above, expected):
-            return ElasticFactor(min(above, expected), True, None, path.last.displacement)
+        most = min(above, expected)
+        path = follow(reach, rest.displacement, response, load, most, weight, tolerance, near)
+        best = path.best
+        if best.factor >= most:
+            return ElasticFactor(most, True, None, best.displacement, path.approach)
         if not path.ended and deadline.passed:
-            return ElasticFactor(path.last.factor, False)
-        return ElasticFactor(path.last.factor, True, self._response(path.end, load), path.last.displacement)
+            return ElasticFactor(best.factor, False)
+        twist = self._response(path.end, load)
+        return ElasticFactor(best.factor, True, twist, best.displacement, path.approach)
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
@@ -213,15 +222,17 @@ class CoulombBlock:
         gravity, compiled = self.geometry.gravity.ravel(), self.contacts.compiled
         enough = _SETTLED / 10 * (float(np.linalg.norm(gravity)) or 1.0)
         if compiled is not None:
-            u, factor, left, steps = compiled.reach(gravity, load, start, enough, _PATH_STEPS, deadline)
+            u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, _PATH_STEPS, deadline)
         else:
             goal = _Goal(gravity, push=load)
             u, left, steps = self._steps(goal, start, enough, _PATH_STEPS, deadline)
-            factor = goal.factor
+            factor, compliance = goal.factor, goal.compliance
         total = gravity + factor * load
-        if left > _REACHED * max(float(np.linalg.norm(total)), float(np.linalg.norm(gravity))):
+        size = max(float(np.linalg.norm(total)), float(np.linalg.norm(gravity)))
+        if left > _SETTLED * size and (left > _REACHED * size or self._share(self._left(u, total), total) > _REACHED):
             return None
-        return PathPoint(u, factor, self._share(self.contacts.catch * u, total) <= _CARRIED, steps)
+        held = self._share(self.contacts.catch * u, total) <= _CARRIED
+        return PathPoint(u, factor, held, compliance, steps)
 
     def _descend(self, load: Array, start: Array, bounds: Array | None, steps: int, deadline: Deadline) -> Array:
         """The displacement after damped Newton steps that lessen what is left; with bounds (P,), the energy."""
@@ -240,11 +251,17 @@ class CoulombBlock:
         bond of the contacts, shortens it.
         """
         contacts, damping, step = self.contacts, 0.0, 0
+        earlier, stale = np.inf, 0
         relative = contacts.relative(u)
         value, rest = goal.merit(contacts, u, relative)
         for step in range(steps + 1):
             if step == steps or float(np.linalg.norm(rest)) <= enough or deadline.passed:
                 break
+            if goal.push is not None and value <= _NEARLY * enough:
+                stale = stale + 1 if value > _GAINS * earlier else 0
+                if stale == _PATIENCE:
+                    break
+                earlier = min(earlier, value)
             move = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest)
             moved, factor = contacts.moved(move), goal.factor
             for length in (1.0, 0.5, 0.25) if np.isfinite(move).all() else ():
@@ -272,6 +289,7 @@ class _Goal:
     bounds: Array | None = None
     push: Array | None = None
     factor: float = 0.0
+    compliance: float = 0.0
 
     def step(self, jacobian: Stiffness, rest: Array) -> Array:
         """(6 n,) the Newton step; not finite where the stiffness is singular."""
@@ -279,7 +297,8 @@ class _Goal:
             move = -jacobian.solve(rest)
             if self.push is not None:
                 along = jacobian.solve(self.push)
-                move -= float(self.push @ move) / float(self.push @ along) * along
+                self.compliance = float(self.push @ along)
+                move -= float(self.push @ move) / self.compliance * along
         except np.linalg.LinAlgError:
             return np.full_like(rest, np.nan)
         return move

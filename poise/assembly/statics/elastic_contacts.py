@@ -219,11 +219,11 @@ class CompiledElasticContacts:
 
     def reach(
         self, load: Array, push: Array, start: Array, enough: float, steps: int, deadline: Deadline
-    ) -> tuple[Array, float, float, int]:
-        """The displacement, factor, merit and steps that `CoulombBlock._reach` wants."""
+    ) -> tuple[Array, float, float, float, int]:
+        """The displacement, factor, merit, compliance and steps that `CoulombBlock._reach` wants."""
         given = load[self._entries], push[self._entries], start[self._entries], enough, steps, deadline.remaining
-        u, factor, left, taken = self._kernel.reach(*given)
-        return self._back(u), factor, left, taken
+        u, factor, left, compliance, taken = self._kernel.reach(*given)
+        return self._back(u), factor, left, compliance, taken
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""

@@ -4,7 +4,7 @@ The power of the load on the displacement is set, and the factor of the load is 
 displacement grows under a load that does not: there a given factor has no equilibrium, or many; a given power has one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,10 @@ from poise.types import Array
 
 # The first step loads the block by this share of the most that is asked, or of its weight.
 _FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
+_APPROACH = 0.9
+"""Share of the largest factor up to which an equilibrium is an approach to it."""
 # How far the next step goes, as a multiple of the way so far: after many Newton steps, or few.
-_AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 4.0, 5
+_AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
 _LEAST_GROWTH, _STEPS = 1.1, 40
 
 
@@ -26,12 +28,14 @@ class PathPoint:
         displacement: (6 n,).
         factor: of the load.
         held: the contacts alone carry the load.
+        compliance: power of the load on the change of the displacement by it; 0: not known.
         steps: Newton steps taken.
     """
 
     displacement: Array
     factor: float
     held: bool = True
+    compliance: float = 0.0
     steps: int = 0
 
 
@@ -40,14 +44,25 @@ class LoadPath:
     """How far a block was followed.
 
     Args:
-        last: the equilibrium with the largest factor.
+        points: equilibria on the way, the first at rest.
         end: (6 n,) the displacement at which it was left.
         ended: it collapsed, or reached the factor asked for; otherwise no equilibrium was found beyond.
     """
 
-    last: PathPoint
+    points: Sequence[PathPoint]
     end: Array
     ended: bool
+
+    @property
+    def best(self) -> PathPoint:
+        """The equilibrium with the largest factor."""
+        return max(self.points, key=lambda point: point.factor)
+
+    @property
+    def approach(self) -> Array:
+        """(6 n,) displacement of one with a little less, from which that of a similar load is near."""
+        enough = _APPROACH * self.best.factor
+        return max((p for p in self.points if p.factor <= enough), key=lambda point: point.factor).displacement
 
 
 Reach = Callable[[Array], PathPoint | None]
@@ -55,7 +70,14 @@ Reach = Callable[[Array], PathPoint | None]
 
 
 def follow(
-    reach: Reach, rest: Array, response: Array, load: Array, above: float, weight: float, tolerance: float
+    reach: Reach,
+    rest: Array,
+    response: Array,
+    load: Array,
+    above: float,
+    weight: float,
+    tolerance: float,
+    near: Array | None = None,
 ) -> LoadPath:
     """Follow a block from rest until the factor of a load grows no more, or is `above`.
 
@@ -66,31 +88,36 @@ def follow(
         load: (6 n,).
         above: no more than this is asked.
         weight: size of the load at rest.
-        tolerance: it collapses where the factor grows by less than this share over a doubling of the way.
+        tolerance: it collapses where the factor grows by less than this share over a doubling of the way, as it did or as
+            the stiffness says.
+        near: (6 n,) displacement of an equilibrium under a similar load, to begin at; None: the first step is short.
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
-    done, way = 0.0, compliance * first
-    best = last = here = PathPoint(rest, 0.0)
-    slope, growth = response / compliance, _AFTER_FEW
+    way, done, growth = compliance * first, 0.0, _AFTER_FEW
+    slope = response / compliance
+    guess = rest + way * slope
+    if near is not None and float(load @ (near - rest)) > way:
+        way, guess = float(load @ (near - rest)), near
+    points = [PathPoint(rest, 0.0)]
     for _ in range(_STEPS):
-        found = reach(last.displacement + (way - done) * slope)
-        if found is None:
+        here, last = reach(guess), points[-1]
+        if here is None:
             growth = np.sqrt(growth)
             if growth < _LEAST_GROWTH:
-                return LoadPath(best, last.displacement, False)
-            way = done * growth if done else way / 4
+                return LoadPath(points, last.displacement, False)
+            way = done * growth if done else min(way / 4, compliance * first)
+            guess = last.displacement + (way - done) * slope
             continue
-        here = found
         if not here.held:
-            break
-        if here.factor >= above:
-            return LoadPath(PathPoint(here.displacement, above), here.displacement, True)
-        best = here if here.factor > best.factor else best
-        if done and here.factor - last.factor <= tolerance * here.factor * np.log2(way / done):
-            break
+            return LoadPath(points, here.displacement, True)
+        points.append(here)
+        flat = tolerance * here.factor
+        collapsed = done and here.factor - last.factor <= flat * np.log2(way / done)
+        if here.factor >= above or collapsed or 0 < way / (here.compliance or np.inf) <= flat:
+            return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
-        last, done = here, way
         growth = _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY
-        way *= growth
-    return LoadPath(best, here.displacement, True)
+        done, way = way, growth * way
+        guess = here.displacement + (way - done) * slope
+    return LoadPath(points, points[-1].displacement, True)

@@ -10,7 +10,7 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.equilibrium import contact_forces
-from poise.assembly.statics.friction_surface import patch_friction
+from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor, LoadFactorProgram
 from poise.assembly.statics.pair_program import PairRows
 from poise.types import Array, Indices
@@ -20,6 +20,8 @@ _PRESSED = 1e-6
 # The centres of pressure are moved until friction about the old ones errs by this share of what turning resists,
 # at most this many times.
 _SETTLED, _MOVES = 0.05, 4
+_LOOKED_AT = 100
+"""Interfaces beyond a simple bound on friction whose limit surface is looked at."""
 # Inverse load factors this much above those of limit analysis are worth moving the centres for.
 _WEAKER = 1.01
 # In blocks of more interfaces than this, patches less than twice as long as wide are one cell (3 % instead of 1.5 %).
@@ -66,7 +68,8 @@ class PatchProgram:
             NoAnswerError: SOLVER_FAILED; UNSTABLE when the block does not stand.
         """
         self._geometry = geometry
-        self._cells, middles = _cells(geometry, interfaces)
+        self._frictions = [patch_friction(interface) for interface in interfaces]
+        self._cells, middles = _cells(geometry, interfaces, self._frictions)
         self._mu = np.array([interface.friction for interface in interfaces])
         self._reach = np.zeros(len(interfaces))
         self._reach[self._cells.interface] = self._cells.reach
@@ -139,8 +142,19 @@ class PatchProgram:
         fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
         turn = np.bincount(which, u * across - v * along, count)
         lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
-        demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turn - lever / pressed)
-        return bool(np.all(demand <= self._mu * self._reach * total * (1 + 1e-4) + _PRESSED))
+        turning = turn - lever / pressed
+        demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turning)
+        over = np.flatnonzero(demand > self._mu * self._reach * total * (1 + 1e-4) + _PRESSED)
+        if not len(over) or len(over) > _LOOKED_AT:
+            return not len(over)
+        # Those that are not within the simple bound may still be within the limit surface.
+        for i in over.tolist():
+            friction = self._frictions[i]
+            moment = np.asarray(turning[i] * self._geometry.units.length / friction.size)
+            needed = friction.surface.normal_force_needed(np.array([fu[i], fv[i]]), moment)
+            if needed > self._mu[i] * total[i] * (1 + 1e-3) + _PRESSED:
+                return False
+        return True
 
     @cached_property
     def _plane(self) -> tuple[Array, Array]:
@@ -245,10 +259,11 @@ class _Layout:
         return entries
 
 
-def _cells(geometry: BlockGeometry, interfaces: Sequence[Interface]) -> tuple[_Cells, Array]:
+def _cells(
+    geometry: BlockGeometry, interfaces: Sequence[Interface], frictions: Sequence[PatchFriction]
+) -> tuple[_Cells, Array]:
     """The cells of all interfaces, and the centroids (I, 3) of these, in the block's units."""
     units = geometry.units
-    frictions = [patch_friction(interface) for interface in interfaces]
     sizes = [friction.size / units.length for friction in frictions]
     coarse = _COMPACT if len(interfaces) > _MANY else 0.0
     parts = [friction.surface.cells(coarse) for friction in frictions]
