@@ -69,7 +69,7 @@ static int factor_symmetric_block(double *a) {
   return POISE_OK;
 }
 
-/* The diagonal block becomes L (with ones on the diagonal) and U, its rows exchanged as told. */
+/* The diagonal block becomes L (with ones on the diagonal) and U, its rows exchanged as `exchanges` lists. */
 static int factor_block(double *a, int64_t *exchanges) {
   for (int k = 0; k < SIDE; k++) {
     int best = k;

@@ -20,8 +20,6 @@ _FASTEST = 1000.0
 """Accelerations above this are not computed, m/s2."""
 # Directions all around, besides those asked for, from which the polytope is made.
 _AROUND = 90
-_ALIKE = 0.7
-"""Cosine of the angle up to which directions are nearby."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +83,7 @@ def acceleration_limits(
     """How fast the base of an assembly may accelerate.
 
     An accelerating base is a resting one under another gravity. Sustained effective gravities form a convex cone:
-    in closed form for every body on one interface. Blocks with cycles are followed on elastic contacts in each direction.
+    in closed form for every body on one interface; blocks with cycles are followed on elastic contacts.
 
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
@@ -199,25 +197,16 @@ def _followed(
 ) -> tuple[Array, Mask, dict[int, Mechanism]]:
     """Limits (D,) of what elastic contacts and patches hold, for which that is known (D,), and what moves by row.
 
-    The forces of elastic contacts are within their friction cones, so that limit analysis holds as much. In each direction
-    the block is followed from near where it collapses in a direction nearby. No more than `most` (D,) is asked.
+    The forces of elastic contacts are within their friction cones, so that limit analysis holds as much. No more than
+    `most` (D,) is asked.
     """
     loads, coulomb = _inertial_loads(block), block.solvers.coulomb
     limits, known = np.zeros(len(directions)), np.ones(len(directions), dtype=bool)
     falls: dict[int, Mechanism] = {}
-    done: list[int] = []
-    approaches: list[Array] = []
     for row in np.flatnonzero(most > 0).tolist():
-        near = None
-        if done:
-            likeness = directions[done] @ directions[row]
-            near = approaches[int(likeness.argmax())] if likeness.max() > _ALIKE else None
         load = loads @ directions[row]
-        found = coulomb.factor(load, float(most[row]), deadline, near=near)
+        found = coulomb.factor(load, float(most[row]), deadline)
         limits[row], known[row] = found.value, found.known
-        if found.approach is not None:
-            done.append(row)
-            approaches.append(found.approach)
         if found.twist is not None:
             falls[row] = Mechanism.elastic(block, found.twist)
         patch = patch_factor(block, load, found)

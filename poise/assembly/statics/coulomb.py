@@ -63,14 +63,12 @@ class ElasticFactor:
         known: it stands at none that is much larger; otherwise the deadline passed.
         twist: (6 n,) the motion in which it collapses; None when it does not.
         displacement: (6 n,) in the state in which it stands; None when it does not.
-        approach: (6 n,) displacement a little before, to begin at under a similar load.
     """
 
     value: float
     known: bool
     twist: Array | None = None
     displacement: Array | None = None
-    approach: Array | None = None
 
 
 class CoulombBlock:
@@ -121,6 +119,16 @@ class CoulombBlock:
                 return ElasticState(False, carried, u)
         return found
 
+    def in_world(self, displacement: Array) -> Array:
+        """(n, 6) displacements (6 n,) at the world's origin, for contacts of a stiffness of 1 N/m per m2."""
+        units = self.geometry.units
+        return units.velocity(displacement.reshape(-1, 6)) * (units.weight / self.contacts.area)
+
+    def of_world(self, displacements: Array) -> Array:
+        """The inverse of `in_world`."""
+        units = self.geometry.units
+        return np.asarray(units.of_velocity(displacements) * (self.contacts.area / units.weight)).ravel()
+
     @cached_property
     def pressed_at_rest(self) -> Mask:
         """(I,) interfaces that carry a load of the bodies they are between at rest, if only a little."""
@@ -145,7 +153,6 @@ class CoulombBlock:
         deadline: Deadline = NO_DEADLINE,
         expected: float = np.inf,
         tolerance: float = FACTOR_TOLERANCE,
-        near: Array | None = None,
     ) -> ElasticFactor:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
@@ -158,7 +165,6 @@ class CoulombBlock:
             deadline: when it passes, the factor is what was found by then, and not known.
             expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
             tolerance: relative, of the factor.
-            near: (6 n,) `approach` of a similar load; None: from rest.
         """
         if deadline.passed:
             return ElasticFactor(0.0, False)
@@ -166,19 +172,18 @@ class CoulombBlock:
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
         response, weight = self._response(rest.displacement, load), float(np.linalg.norm(gravity))
+        most = min(above, expected)
 
         def reach(start: Array) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, deadline)
 
-        most = min(above, expected)
-        path = follow(reach, rest.displacement, response, load, most, weight, tolerance, near)
+        path = follow(reach, rest.displacement, response, load, most, weight, tolerance)
         best = path.best
         if best.factor >= most:
-            return ElasticFactor(most, True, None, best.displacement, path.approach)
+            return ElasticFactor(most, True, None, best.displacement)
         if not path.ended and deadline.passed:
             return ElasticFactor(best.factor, False)
-        twist = self._response(path.end, load)
-        return ElasticFactor(best.factor, True, twist, best.displacement, path.approach)
+        return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement)
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""

@@ -1,11 +1,10 @@
 """The contact points of a block as springs: forces, energy and stiffness at a displacement of the bodies."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.contact import FIXED_NODE, Interface
 from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
@@ -13,7 +12,7 @@ from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.deadline import Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.geometry import plane_axes
+from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
 
@@ -31,6 +30,7 @@ class _Points:
     """Springs of all interfaces of a block, one interface after another, in its units.
 
     Args:
+        area: m2, that of an interface with a stiffness of 1.
         places: (P, 2) along the tangents of the interface.
         wrenches: (P, 3, 6) of unit forces (normal and two tangents) on the second body.
         stiffness: (P,).
@@ -38,6 +38,7 @@ class _Points:
         interface: (P,) number within the block.
     """
 
+    area: float
     places: Array
     wrenches: Array
     stiffness: Array
@@ -69,7 +70,7 @@ class ElasticContacts:
     def __init__(self, geometry: BlockGeometry, interfaces: list[Interface], order: Elimination | None = None) -> None:
         self._order = order
         points = _elastic_points(geometry, interfaces)
-        self.places = points.places
+        self.area, self.places = points.area, points.places
         self.interface = points.interface
         self.stiffness, self.friction = points.stiffness, points.friction
         self.catch = CATCH * float(points.stiffness.mean())
@@ -236,24 +237,29 @@ def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Po
     areas = np.array([interface.area for interface in interfaces])
     mean = areas[areas > 0].mean() if np.any(areas > 0) else 1.0
     sizes = np.where(areas > 0, np.maximum(areas / mean, 1e-2), 1e-1)
-    planes, wrenches, stiffness = [], [], []
-    number: list[NDArray[np.int64]] = []
-    for i, (interface, size) in enumerate(zip(interfaces, sizes, strict=True)):
-        share = _AT_CORNERS if interface.area > 0 else 1.0
-        corners = len(interface.points)
-        weights, places = [np.full(corners, share / corners)], [interface.points]
-        if interface.area > 0:
-            friction = patch_friction(interface)
-            cells = friction.surface.cells()
-            places.append(friction.centroid + friction.size * cells.places @ friction.axes)
-            weights.append((1 - share) * cells.weights)
-        points = (np.concatenate(places) - units.origin) / units.length
-        frame = np.vstack([interface.normal, plane_axes(interface.normal)])
-        planes.append(points @ frame[1:].T)
-        arms = np.cross(points[:, None], frame)
-        wrenches.append(np.concatenate([np.broadcast_to(frame, arms.shape), arms], axis=2))
-        stiffness.append(size * np.concatenate(weights))
-        number.append(np.full(len(points), i))
-    which = np.concatenate(number)
-    mu = np.array([interface.friction for interface in interfaces])[which]
-    return _Points(np.concatenate(planes), np.concatenate(wrenches), np.concatenate(stiffness), mu, which)
+    springs = [interface.once("springs", partial(_springs, interface)) for interface in interfaces]
+    which = np.repeat(np.arange(len(springs)), [len(shares) for _, shares in springs])
+    points = (np.concatenate([points for points, _ in springs]) - units.origin) / units.length
+    normals = np.array([interface.normal for interface in interfaces])
+    frames = np.concatenate([normals[:, None], plane_axes(normals)], axis=1)[which]
+    wrenches = np.concatenate([frames, cross(points[:, None], frames)], axis=2)
+    return _Points(
+        area=float(mean),
+        places=np.einsum("ij,ikj->ik", points, frames[:, 1:]),
+        wrenches=wrenches,
+        stiffness=sizes[which] * np.concatenate([shares for _, shares in springs]),
+        friction=np.array([interface.friction for interface in interfaces])[which],
+        interface=which,
+    )
+
+
+def _springs(interface: Interface) -> tuple[Array, Array]:
+    """(P, 3) where the springs of an interface are, m, and (P,) their shares of its stiffness."""
+    corners = len(interface.points)
+    if interface.area == 0:
+        return interface.points, np.full(corners, 1 / corners)
+    friction = patch_friction(interface)
+    cells = friction.surface.cells()
+    places = friction.centroid + friction.size * cells.places @ friction.axes
+    shares = [np.full(corners, _AT_CORNERS / corners), (1 - _AT_CORNERS) * cells.weights]
+    return np.concatenate([interface.points, places]), np.concatenate(shares)

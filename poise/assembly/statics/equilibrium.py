@@ -41,7 +41,12 @@ def corner_rows(geometry: BlockGeometry, shared: Array, equal: bool) -> PairRows
     return PairRows(geometry.supports, geometry.count, none, corners, none, 3, entries, shared, equal)
 
 
-def stability(geometry: BlockGeometry, load: Array | None = None, order: Elimination | None = None) -> Standing:
+def stability(
+    geometry: BlockGeometry,
+    load: Array | None = None,
+    order: Elimination | None = None,
+    tolerance: float = SOLVER_TOLERANCE,
+) -> Standing:
     """How safely a block stands under gravity, or under another load (6 n,) in the block's units.
 
     One SOCP: the largest t for which contact forces in their cones, moved inwards by t / (corners of the interface),
@@ -56,7 +61,7 @@ def stability(geometry: BlockGeometry, load: Array | None = None, order: Elimina
     spread = np.zeros((len(corners), 3))
     spread[:, 0] = 1 / corners
     opening = geometry.grasp @ spread.ravel()
-    found = PairProgram(corner_rows(geometry, opening, equal=True), SOLVER_TOLERANCE, order).solve(load)
+    found = PairProgram(corner_rows(geometry, opening, equal=True), tolerance, order).solve(load)
     if found.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides
         return Standing(np.inf, np.zeros_like(load))
     if found.outcome is Outcome.UNBOUNDED:

@@ -13,10 +13,10 @@ from poise.types import Array
 
 # The first step loads the block by this share of the most that is asked, or of its weight.
 _FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
-_APPROACH = 0.9
-"""Share of the largest factor up to which an equilibrium is an approach to it."""
 # How far the next step goes, as a multiple of the way so far: after many Newton steps, or few.
 _AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
+_MANY, _SURE = 12, 1.5
+"""After more Newton steps than this a longer step may have led to another equilibrium: a shorter one is tried."""
 _LEAST_GROWTH, _STEPS = 1.1, 40
 
 
@@ -58,26 +58,19 @@ class LoadPath:
         """The equilibrium with the largest factor."""
         return max(self.points, key=lambda point: point.factor)
 
-    @property
-    def approach(self) -> Array:
-        """(6 n,) displacement of one with a little less, from which that of a similar load is near."""
-        enough = _APPROACH * self.best.factor
-        return max((p for p in self.points if p.factor <= enough), key=lambda point: point.factor).displacement
 
-
-Reach = Callable[[Array], PathPoint | None]
+EquilibriumSearch = Callable[[Array], PathPoint | None]
 """From a displacement to the equilibrium at which the load has the same power; None where none is found."""
 
 
 def follow(
-    reach: Reach,
+    reach: EquilibriumSearch,
     rest: Array,
     response: Array,
     load: Array,
     above: float,
     weight: float,
     tolerance: float,
-    near: Array | None = None,
 ) -> LoadPath:
     """Follow a block from rest until the factor of a load grows no more, or is `above`.
 
@@ -88,25 +81,21 @@ def follow(
         load: (6 n,).
         above: no more than this is asked.
         weight: size of the load at rest.
-        tolerance: it collapses where the factor grows by less than this share over a doubling of the way, as it did or as
-            the stiffness says.
-        near: (6 n,) displacement of an equilibrium under a similar load, to begin at; None: the first step is short.
+        tolerance: it collapses where the factor grows by less than this share over a doubling of the way.
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
-    way, done, growth = compliance * first, 0.0, _AFTER_FEW
+    way, done, ahead = compliance * first, 0.0, _AFTER_FEW
     slope = response / compliance
     guess = rest + way * slope
-    if near is not None and float(load @ (near - rest)) > way:
-        way, guess = float(load @ (near - rest)), near
     points = [PathPoint(rest, 0.0)]
     for _ in range(_STEPS):
         here, last = reach(guess), points[-1]
-        if here is None:
-            growth = np.sqrt(growth)
-            if growth < _LEAST_GROWTH:
+        if here is None or (here.steps > _MANY and done and ahead > _SURE):
+            ahead = float(np.sqrt(ahead))
+            if ahead < _LEAST_GROWTH:
                 return LoadPath(points, last.displacement, False)
-            way = done * growth if done else min(way / 4, compliance * first)
+            way = done * ahead if done else way / 4
             guess = last.displacement + (way - done) * slope
             continue
         if not here.held:
@@ -114,10 +103,10 @@ def follow(
         points.append(here)
         flat = tolerance * here.factor
         collapsed = done and here.factor - last.factor <= flat * np.log2(way / done)
-        if here.factor >= above or collapsed or 0 < way / (here.compliance or np.inf) <= flat:
+        if here.factor >= above or collapsed or (here.compliance and way / here.compliance <= flat):
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
-        growth = _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY
-        done, way = way, growth * way
+        ahead = _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY
+        done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
     return LoadPath(points, points[-1].displacement, True)
