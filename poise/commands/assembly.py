@@ -131,6 +131,7 @@ def msa(
     load: LoadOption = None,
     model: LoadModelOption = None,
     load_pose: LoadPoseOption = None,
+    turning: Annotated[bool, typer.Option(help="Limits of turning, too, which take a part of the time.")] = True,
     deadline: DeadlineOption = None,
     pose_std: PoseStdOption = None,
     json_target: JsonOption = None,
@@ -148,7 +149,7 @@ def msa(
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
     analysis, others = loaded(open_scene(scene, pose_std), load, model, load_pose)
     start = time.perf_counter()
-    found = acceleration_limits(analysis, wanted, deadline)
+    found = acceleration_limits(analysis, wanted, deadline, turning)
     cautious, cautious_doubtful = least_limits(found, others, deadline)
     seconds = time.perf_counter() - start
     tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
@@ -163,8 +164,14 @@ def msa(
     people.print(table)
     if not found.complete:
         warn(_LATE)
-    people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
+    if turning:
+        people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
+
+
+def _if_asked(value: float) -> float | str | None:
+    """A limit of turning for JSON: None where none was asked for."""
+    return None if np.isnan(value) else number_for_json(value)
 
 
 def _mark(doubtful: bool) -> str:
@@ -184,8 +191,8 @@ def _limits_json(
         "seconds": seconds,
         "normals": found.normals,
         "offsets": found.offsets,
-        "angular_acceleration": number_for_json(found.angular_acceleration),
-        "angular_speed": number_for_json(found.angular_speed),
+        "angular_acceleration": _if_asked(found.angular_acceleration),
+        "angular_speed": _if_asked(found.angular_speed),
         "doubtful": found.doubtful,
         "complete": found.complete,
     }
@@ -209,12 +216,14 @@ def disassemble(
     analysis = open_scene(scene, pose_std)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
-    content = {"order": found.order, "safe": found.safe, "margins": margins, "complete": found.complete}
-    content |= {"findings": scene_findings_json(analysis.assembly)}
+    content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}
+    content["complete"] = found.complete
+    content["findings"] = scene_findings_json(analysis.assembly)
     write_json(json_target, content)
-    table = Table("take", "safe", "margin left N")
-    for name, safe, margin in zip(found.order, found.safe, found.margins, strict=True):
-        table.add_row(escape(name), "yes" if safe else "no", f"{margin:.3f}", style=None if safe else "red")
+    table = Table("take", "safe", "margin left N", "way out")
+    for name, safe, margin, way in zip(found.order, found.safe, found.margins, found.ways, strict=True):
+        along = "none found" if way is None else " ".join(f"{value:.2f}" for value in way + 0.0)
+        table.add_row(escape(name), "yes" if safe else "no", f"{margin:.3f}", along, style=None if safe else "red")
     console(json_target).print(table)
 
 

@@ -6,7 +6,8 @@ False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leave
 
 - `bounds`: least squares with bounds. `chain`: forward kinematics. `clocks`: sums at many lags.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
-  outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `sums`: normal equations.
+  outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
+  `sums`: normal equations.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -24,11 +25,15 @@ if TYPE_CHECKING:
     from poise.kernels.robust import robust_fit
     from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.smoothing import CompiledSplines
+    from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
     from poise.kernels.sums import weighed_sums
 
 __all__ = [
     "COMPILED",
     "Chain",
+    "CompiledBodies",
+    "CompiledConeProgram",
+    "CompiledElastic",
     "CompiledSearch",
     "CompiledSplines",
     "SearchAnswer",
@@ -45,6 +50,9 @@ __all__ = [
 ]
 
 _FILES = {
+    "CompiledBodies": "statics",
+    "CompiledConeProgram": "statics",
+    "CompiledElastic": "statics",
     "CompiledSearch": "search",
     "SearchAnswer": "search",
     "weighed_sums": "sums",

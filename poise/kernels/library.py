@@ -28,6 +28,20 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_innovation_squares": (None, [_INT, _INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
+    "poise_elastic_descend": (
+        _INT,
+        [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, _POINTER, _POINTER],
+    ),
+    "poise_elastic_reach": (
+        _INT,
+        [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, *[_POINTER] * 3],
+    ),
+    "poise_elastic_response": (_INT, [_POINTER] * 4),
+    "poise_elastic_left": (_INT, [_POINTER] * 4),
+    "poise_cones_new": (_POINTER, [_POINTER]),
+    "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
+    "poise_cones_renew": (None, [_POINTER]),
+    "poise_cones_free": (None, [_POINTER]),
 }
 
 

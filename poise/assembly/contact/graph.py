@@ -1,7 +1,7 @@
 """The contact interface graph: which bodies hold which, cut into blocks that can be solved one by one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
@@ -85,7 +85,7 @@ class Structure:
             if not names & {first, second}:
                 friction = assembly.friction_between(first, second)
                 places = assembly.index[first], assembly.index[second]
-                kept.append(Interface(*places, old.normal, old.points, old.triangles, old.gap, friction))
+                kept.append(replace(old, first=places[0], second=places[1], friction=friction))
         return kept
 
     @cached_property

@@ -51,10 +51,12 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
         own = candidates.get(part.effect.name)
         if part.effect.delay and own is not None and not state.limit.over():
             candidates |= _delays(state, problem, others, own, candidates)
-        if state.limit.over() and own is not None:
+        if own is not None and state.limit.over():
             unsure = [each for each in free if alike(each, part.effect) and each is not part.effect]
             candidates |= {each.name: replace(own, effect=each) for each in unsure}
-        out.append(candidates if own is None else _marked(problem, others, own, candidates))
+        elif own is not None:
+            candidates = _marked(problem, others, own, candidates)
+        out.append(candidates)
     return tuple(out)
 
 

@@ -55,7 +55,7 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
     whole = problem.predicted(problem.compose(parts)[1])
     found = []
     for part in parts:
-        if part.effect.knocks:
+        if part.effect.knocks or part.effect.varies:
             found.append(Variation("", 0.0))
             continue
         rest = [other for other in parts if other is not part]

@@ -35,7 +35,7 @@ class _OnEfforts(Effect):
         vars(self).update(
             {
                 name: getattr(inner, name)
-                for name in (*same, "order", "widens", "made_of", "defaults", "free_course", "knocks")
+                for name in (*same, "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
             }
         )
         vars(self)["needs"] = ("joints", "effort")
