@@ -1,0 +1,113 @@
+"""Compiled programs and elastic contacts of blocks of bodies against their forms in Python."""
+
+import assembly_scenes as scenes
+import numpy as np
+import pytest
+
+from poise.assembly import Analysis
+from poise.assembly.statics import pair_program
+from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
+from poise.assembly.statics.deadline import NO_DEADLINE
+from poise.assembly.statics.elimination import Elimination
+from poise.assembly.statics.load_factor import UNLIMITED
+from poise.errors import InputError
+from poise.kernels import COMPILED, CompiledBodies, CompiledElastic
+from poise.types import Array
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="the kernels are not installed")
+
+SCENES = {"table": scenes.table, "wall": lambda: scenes.wall(4, 3), "walls": lambda: scenes.between_walls(True)}
+
+
+@pytest.fixture(params=SCENES)
+def block(request: pytest.FixtureRequest):
+    """The largest block of a scene, in which contact forces have a choice."""
+    return max(Analysis.of(SCENES[request.param]()).blocks, key=lambda block: block.geometry.count)
+
+
+def loads(size: int, count: int) -> Array:
+    return np.random.default_rng(size).normal(size=(count, size))
+
+
+@pytest.mark.parametrize("program", ["limit", "patch"])
+def test_collapse_loads_are_those_of_clarabel(block, program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = getattr(block.solvers, program)
+    solver = getattr(solver, "resting", solver)
+    if solver is None:
+        pytest.skip("patches do not hold this block")
+    for load in loads(6 * block.geometry.count, 4):
+        monkeypatch.setattr(pair_program, "COMPILED", True)
+        found = solver.inverse_factor(load)
+        monkeypatch.setattr(pair_program, "COMPILED", False)
+        direct = solver.inverse_factor(load)
+        assert found.value == pytest.approx(direct.value, rel=1e-5, abs=UNLIMITED)
+        assert found.upper >= direct.value * (1 - 1e-6)
+        assert found.twist @ load == pytest.approx(found.value, rel=1e-6, abs=UNLIMITED)
+
+
+def test_margins_of_stability_are_those_of_clarabel(block, monkeypatch: pytest.MonkeyPatch) -> None:
+    fast = block.solvers._stability(block.geometry).margin
+    monkeypatch.setattr(pair_program, "COMPILED", False)
+    assert fast == pytest.approx(block.solvers._stability(block.geometry).margin, rel=1e-5, abs=1e-8)
+
+
+def both(block) -> tuple[CoulombBlock, CoulombBlock]:
+    """Elastic contacts in C, and in Python."""
+    compiled, python = (CoulombBlock(block.geometry, block.solvers.interfaces) for _ in range(2))
+    python.contacts.compiled = None
+    return compiled, python
+
+
+def test_steps_of_elastic_contacts_are_those_of_python(block) -> None:
+    compiled, python = both(block)
+    gravity = block.geometry.gravity.ravel()
+    load = gravity + 0.05 * np.linalg.norm(gravity) * loads(len(gravity), 1)[0]
+    near = compiled._glued(gravity)
+    np.testing.assert_allclose(near, python._glued(gravity), rtol=1e-6, atol=1e-7 * np.abs(near).max())
+    scale = np.abs(load).max()
+    np.testing.assert_allclose(compiled._left(near, load), python._left(near, load), rtol=0, atol=1e-9 * scale)
+    responses = [each._response(near, load) for each in (compiled, python)]
+    np.testing.assert_allclose(*responses, rtol=0, atol=1e-6 * np.abs(responses[1]).max())
+    bounds = np.full(len(compiled.contacts.stiffness), 0.01 * scale)
+    for limits in (None, bounds):
+        moved = [each._descend(load, near, limits, 2, NO_DEADLINE) for each in (compiled, python)]
+        np.testing.assert_allclose(*moved, rtol=0, atol=1e-6 * np.abs(moved[1]).max())
+
+
+def test_blocks_settle_and_collapse_as_in_python(block) -> None:
+    compiled, python = both(block)
+    assert compiled.rest.stands == python.rest.stands
+    forces = [each.forces(each.rest.displacement) for each in (compiled, python)]
+    np.testing.assert_allclose(*forces, rtol=0, atol=1e-4 * np.abs(forces[1]).max())
+    for load in loads(6 * block.geometry.count, 2):
+        found, expected = (each.factor(load, 100.0) for each in (compiled, python))
+        assert found.known
+        assert expected.known
+        assert found.value == pytest.approx(expected.value, rel=2 * FACTOR_TOLERANCE)
+
+
+def test_an_order_of_elimination_solves_what_a_dense_solver_solves() -> None:
+    """Bodies of a ring, a star and the ground, in an order that fills."""
+    rng = np.random.default_rng(3)
+    sides = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0], [0, 5], [0, 6], [5, -1], [6, 3], [-1, 2]])
+    order = Elimination.of(sides, 7)
+    springs = np.arange(len(sides) + 1)
+    wrenches, stiffness = rng.normal(size=(len(sides), 3, 6)), rng.uniform(1.0, 2.0, len(sides))
+    kernel = CompiledElastic(order.compiled, springs, wrenches, stiffness, stiffness, catch=0.1, slack=0.0)
+    whole = 0.1 * np.eye(42)
+    for (first, second), wrench, k in zip(sides, wrenches, stiffness, strict=True):
+        row = np.zeros((3, 42))
+        for body, sign in ((first, -1), (second, 1)):
+            if body >= 0:
+                row[:, 6 * body : 6 * body + 6] = sign * wrench
+        whole += k * row.T @ row
+    push = rng.normal(size=42)
+    found = np.empty(42)
+    found[order.entries] = kernel.response(None, push[order.entries])
+    np.testing.assert_allclose(found, np.linalg.solve(whole, push), rtol=1e-9)
+
+
+def test_arrays_of_other_shapes_are_refused() -> None:
+    bodies: CompiledBodies = Elimination.of(np.array([[-1, 0]]), 1).compiled
+    with pytest.raises(InputError):
+        CompiledElastic(bodies, np.array([0, 2]), np.ones((1, 3, 6)), np.ones(2), np.ones(2), catch=1.0, slack=0.0)
