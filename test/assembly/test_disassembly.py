@@ -151,6 +151,30 @@ def test_a_tube_comes_out_of_a_tube_upwards():
     assert np.asarray(found.ways[0]) == pytest.approx(np.array([0, 0, 1]), abs=1e-9)
 
 
+@pytest.mark.parametrize("gap", [0.02, 0.3, 1.7])
+def test_a_lid_far_above_a_tube_is_in_its_way(gap):
+    """Thinner than the places on the way are apart, and away from where the tube stands."""
+    height = 0.1
+    walls = [
+        fixed_box(f"wall{i}", size, place)
+        for i, (size, place) in enumerate(
+            [
+                ((0.01, 0.12, 2.0), (0.0555, 0, 1.0)),
+                ((0.01, 0.12, 2.0), (-0.0555, 0, 1.0)),
+                ((0.1, 0.01, 2.0), (0, 0.0555, 1.0)),
+                ((0.1, 0.01, 2.0), (0, -0.0555, 1.0)),
+            ]
+        )
+    ]
+    inside = tube("tube", 0.04, 0.05, height, 0.0)
+    found = plan_disassembly(on_floor(*walls, inside), "tube")
+    assert np.asarray(found.ways[0]) == pytest.approx(np.array([0, 0, 1]), abs=1e-9)
+    lid = fixed_box("lid", (0.1, 0.1, 0.004), (0, 0, height + gap + 0.002))
+    found = plan_disassembly(on_floor(*walls, lid, inside), "tube")
+    assert found.safe == (False,)
+    assert found.ways == (None,)
+
+
 def tube(name: str, inner: float, outer: float, length: float, base: float) -> RigidObject:
     """A tube around z of 24 sides that stands on a height."""
     turn = 2 * np.pi * np.arange(24) / 24

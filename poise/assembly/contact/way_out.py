@@ -16,8 +16,8 @@ from poise.types import Array
 
 _AHEAD = 1e-3
 """m, that an object is moved before what it overlaps there counts."""
-_STEPS = 24
-"""Places on the way at which an object that is not convex, or is near one that is not, is looked at."""
+_STEPS, _MOST = 12, 200
+"""Places on the way at which hollow objects are looked at, and how many at most where the way is long."""
 _SIDES = 8
 """Directions across gravity that are tried."""
 
@@ -82,9 +82,10 @@ def _blocking(
 
 def _hits(body: PlacedBody, direction: Array, distance: float, other: PlacedBody, margin: float) -> bool:
     """Whether a body overlaps another by more than a margin when it is moved by a distance along a direction."""
-    if body.polyhedron.convex and other.polyhedron.convex:
-        return _sweep_depth(body.item, direction, distance, other.item) > margin
-    return not _clear(body.item, direction, distance, other, margin)
+    if _sweep_depth(body.item, direction, distance, other.item) <= margin:
+        return False
+    convex = body.polyhedron.convex and other.polyhedron.convex
+    return convex or not _clear(body, direction, distance, other, margin)
 
 
 def _directions(assembly: Assembly, interfaces: Sequence[Interface], place: int) -> list[Array]:
@@ -105,7 +106,7 @@ def _directions(assembly: Assembly, interfaces: Sequence[Interface], place: int)
 
 
 def _sweep_depth(item: RigidObject, direction: Array, distance: float, other: RigidObject) -> float:
-    """How deep what a convex body sweeps, a little ahead of where it is, overlaps another, m."""
+    """How deep what the convex hull of a body sweeps, a little ahead of where it is, overlaps that of another, m."""
     corners = item.vertices
     points = coal.StdVec_Vec3s()
     points.extend(list(np.concatenate([corners + _AHEAD * direction, corners + distance * direction])))
@@ -118,13 +119,23 @@ def _sweep_depth(item: RigidObject, direction: Array, distance: float, other: Ri
     return float(max(0.0, -result.getContact(0).penetration_depth))
 
 
-def _clear(item: RigidObject, direction: Array, distance: float, other: PlacedBody, margin: float) -> bool:
-    """Whether a body stays outside of another at places on the way that are closer together at its beginning."""
-    for step in distance * np.linspace(0.0, 1.0, _STEPS + 1)[1:] ** 2:
-        pose = Pose(item.pose.rotation, item.pose.translation + step * direction)
-        moved = PlacedBody(replace(item, pose=pose))
-        if np.any(moved.bounds[0] > other.bounds[1]) or np.any(moved.bounds[1] < other.bounds[0]):
-            return True
-        if penetration_depth(moved, other) > margin:
+def _clear(body: PlacedBody, direction: Array, distance: float, other: PlacedBody, margin: float) -> bool:
+    """Whether a body overlaps another by no more than a margin at places on the way, where their bounds meet."""
+    for step in _looked_at(body.bounds, direction, distance, other.bounds).tolist():
+        pose = Pose(body.item.pose.rotation, body.item.pose.translation + step * direction)
+        if penetration_depth(PlacedBody(replace(body.item, pose=pose)), other) > margin:
             return False
     return True
+
+
+def _looked_at(bounds: Array, direction: Array, distance: float, other: Array) -> Array:
+    """Distances along the way at which bounds (2, 3) meet others: dense at first, then half a length apart."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort(np.array([other[0] - bounds[1], other[1] - bounds[0]]) / direction, axis=0)
+    ends = ends[:, np.abs(direction) > 1e-9]  # the others were compared with all of the way
+    first, last = max(0.0, float(ends[0].max())), min(distance, float(ends[1].min()))
+    if first >= last:
+        return np.zeros(0)
+    apart = max(float(np.abs(direction) @ (bounds[1] - bounds[0])) / 2, (last - first) / _MOST)
+    dense = first + (last - first) * np.linspace(0.0, 1.0, _STEPS + 1)[1:] ** 2
+    return np.sort(np.concatenate([dense, np.arange(first + apart, last, apart)]))
