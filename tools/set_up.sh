@@ -64,6 +64,7 @@ fi
 "$venv/bin/python" -c 'import uv' 2>/dev/null || step "getting uv, a fast installer" "$venv/bin/python" -m pip install --quiet uv
 had=$(cat "$venv"/poise-* 2>/dev/null | tr '\n' ' ' || true)
 all=$(printf '%s\n' ${extras//,/ } $had | sort -u | paste -sd, -)
+rm -rf build/lib*  # setuptools would install modules that are no longer there
 step "installing Poise [$all], ROS 2 Jazzy and what they need (the interfaces are compiled once, about 40 s)" \
   env VIRTUAL_ENV="$PWD/$venv" "$venv/bin/python" -m uv pip install --reinstall-package poise ".[$all]"
 rm -f "$venv"/poise-*
