@@ -26,6 +26,7 @@ from poise.nodes.object_scanner_parameters import (
     given_eye,
     near_of,
     scan_options,
+    segmentation_options,
     session_options,
     stored_calibration,
     sweep_options,
@@ -52,7 +53,7 @@ from poise.scanning import (
     scan,
     transform_of,
 )
-from poise.shape import Segmentation, independent_parts, segment
+from poise.shape import Segmentation, independent_parts
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 from poise_msgs.action import ScanObject
@@ -361,7 +362,7 @@ class ObjectScanner(ArmNode):
 
             try:
                 scanned = scan(sweep.views, replace(how, near=point), reach, cancelled)
-                objects.append((scanned, segment(scanned.points, scanned.colours)))
+                objects.append((scanned, scanned.segmented(segmentation_options(self._values))))
             except InputError as error:
                 if number == 0:
                     raise _with_notes(error, len(sweep.views), notes) from error

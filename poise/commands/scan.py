@@ -1,21 +1,22 @@
 """`poise scan`: the cloud of one object, and its parts, from a recorded sweep of a camera on a hand."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folder, warn, write_json
-from poise.commands.segment import write_picture
+from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folders, warn, write_json
+from poise.commands.segment import ColourOption, NumberOption, segmentation_options, shades, write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
 from poise.robot import Mounting, find_urdf, read_urdf
 from poise.scanning import MOST_FRAMES, Scan, ScanOptions, Sweep, SweepOptions, read_sweep, scan_ply
 from poise.scanning import scan as scan_views
-from poise.shape import Segmentation, labelled_ply, segment, surface_ply
+from poise.shape import Segmentation, SegmentationOptions, labelled_ply, surface_ply
 
 _BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[
@@ -84,6 +85,8 @@ def scan(
     depth_unit: UnitOption = 1e-3,
     delay: DelayOption = 0.0,
     depth_topic: TopicOption = "",
+    number_of_parts: NumberOption = None,
+    colour: ColourOption = "on",
     json_target: JsonOption = None,
 ) -> None:
     """Reconstruct an object on a table from a camera sweep and segment it into parts.
@@ -93,14 +96,12 @@ def scan(
 
     Example:  poise scan bags/hammer_sweep.mcap --out hammer.ply --parts parts.ply --picture hammer.png
     """
-    targets = {"--out": out, "--parts": parts, "--surface": surface, "--picture": picture, "--json": json_target}
-    for option, target in targets.items():
-        refuse_folder(None if target is None else str(target), option)
+    refuse_folders({"--out": out, "--parts": parts, "--surface": surface, "--picture": picture, "--json": json_target})
     people = console(json_target)
     description = None if urdf is None else read_urdf(find_urdf(urdf))
     where = SweepOptions(depth_topic, "", "", description, _hand_eye(hand_eye), frames, depth_unit, delay)
     how = ScanOptions(voxel=voxel, near=None if near is None else _numbers(near, 3, "--near"))
-    sweep, found, cut, seconds = _work(bag, where, how)
+    sweep, found, cut, seconds = _work(bag, where, how, segmentation_options(number_of_parts, None), colour)
     write_json(json_target, as_json(bag, sweep, found, cut, seconds))
     written = [
         *([] if out is None else [write_whole(out, scan_ply(found))]),
@@ -108,7 +109,7 @@ def scan(
         *([] if surface is None else [write_whole(surface, surface_ply(cut))]),
         *([] if picture is None else [write_picture(picture, cut, bag.stem)]),
     ]
-    volume, spread = cut.solid.volume * 1e6, found.volume_std(cut.solid) * 1e6
+    volume, spread = cut.solid.volume * 1e6, cut.solid.volume_std * 1e6
     people.print(
         f"{len(sweep.views)} views, {found.seen.sum()} points seen and {(~found.seen).sum()} completed in"
         f" {seconds[0]:.2f} s; {cut.n_parts} parts, {volume:.4g} ± {spread:.2g} cm3 in {seconds[1]:.2f} s"
@@ -117,7 +118,9 @@ def scan(
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
-def _work(bag: Path, where: SweepOptions, how: ScanOptions) -> tuple[Sweep, Scan, Segmentation, tuple[float, float]]:
+def _work(
+    bag: Path, where: SweepOptions, how: ScanOptions, cutting: SegmentationOptions, colour: str
+) -> tuple[Sweep, Scan, Segmentation, tuple[float, float]]:
     """Bag to parts, with a warning for every note; s for the cloud and for the parts."""
     recording = open_recording(bag)
     for loss in recording.losses:
@@ -128,7 +131,7 @@ def _work(bag: Path, where: SweepOptions, how: ScanOptions) -> tuple[Sweep, Scan
         start = time.perf_counter()
         found = scan_views(sweep.views, how, reach)
         middle = time.perf_counter()
-        cut = segment(found.points, found.colours)
+        cut = replace(found, colours=shades(colour, found.colours)).segmented(cutting)
         seconds = middle - start, time.perf_counter() - middle
     for note in (*sweep.notes, *found.notes, *cut.notes):
         warn(note)
@@ -146,7 +149,7 @@ def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: t
         "labels": cut.labels,
         "n_parts": cut.n_parts,
         "volume": cut.solid.volume,
-        "volume_std": found.volume_std(cut.solid),
+        "volume_std": cut.solid.volume_std,
         "part_volumes": cut.volumes,
         "part_centroids": cut.centroids,
         "table": {"normal": found.plane.normal, "offset": found.plane.offset, "thickness": found.plane.thickness},

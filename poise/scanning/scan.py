@@ -13,7 +13,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
-from poise.shape import Solid
+from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
 from poise.types import Array, Cancelled, Mask, Progress
 
 _LEAST_DEPTH = 0.05
@@ -23,8 +23,6 @@ _UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 """Shares of the surface, without its underside, that no view saw."""
 _THICK = 2e-3
-HIDDEN_OFF = 2e-3
-"""m that completed surface is off: 1.0 to 2.7 on the tools of benchmarks/scanning.py, nearly always outwards."""
 SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
 SCANNED_FROM = 2 * HIDDEN_OFF
@@ -73,7 +71,6 @@ class Scan:
         n_objects: that stood there.
         n_views: that were used.
         moved: m, the most that a pose was moved at the object.
-        hidden_volume_std: m3, one sigma of the volume from what was not seen.
         notes: what to read it with, one sentence each.
     """
 
@@ -85,15 +82,14 @@ class Scan:
     n_objects: int
     n_views: int
     moved: float
-    hidden_volume_std: float
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
 
-    def volume_std(self, solid: Solid) -> float:
-        """m3, one sigma: of a solid of the points between them, and of what was not seen."""
-        return float(np.hypot(solid.volume_std, self.hidden_volume_std))
+    def segmented(self, options: SegmentationOptions = DEFAULT_SEGMENTATION) -> Segmentation:
+        """Its solid and parts; `solid.volume_std` includes what was not seen."""
+        return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen)
 
     @property
     def foot(self) -> Array:
@@ -146,9 +142,8 @@ def scan(
     reach(1.0)
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
-    doubt = 0.0 if hidden is None else HIDDEN_OFF * hidden.area
     cloud = whole.points, whole.colours, whole.normals, seen
-    return Scan(*cloud, plane, n_objects, len(views), moved, doubt, tuple(notes))
+    return Scan(*cloud, plane, n_objects, len(views), moved, tuple(notes))
 
 
 def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Array:

