@@ -50,7 +50,7 @@ from poise.scanning import (
     chosen_places,
     frame_of_cloud,
     places_of,
-    scan,
+    scan_sweep,
     transform_of,
 )
 from poise.shape import Segmentation, independent_parts
@@ -361,7 +361,7 @@ class ObjectScanner(ArmNode):
                 self._share = (number + share) / len(near)
 
             try:
-                scanned = scan(sweep.views, replace(how, near=point), reach, cancelled)
+                scanned = scan_sweep(sweep, replace(how, near=point), reach, cancelled)
                 objects.append((scanned, scanned.segmented(segmentation_options(self._values))))
             except InputError as error:
                 if number == 0:

@@ -17,8 +17,7 @@ from poise.mismatch import diagnose as _diagnose
 from poise.placement import Options, Placement, plan_placement
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
-from poise.scanning import Scan, SweepOptions, read_sweep
-from poise.scanning import scan as _scan
+from poise.scanning import Scan, SweepOptions, read_sweep, scan_sweep
 from poise.shape import Segmentation, SegmentationOptions, read_surface
 from poise.shape import segment as _segment
 from poise.types import Array
@@ -97,7 +96,7 @@ def scan(recording: Source | Recording) -> Scan:
     Raises:
         InputError: TOPIC_MISSING, FRAME_UNKNOWN, SCAN_INCOMPLETE.
     """
-    return _scan(read_sweep(_recording(recording), SweepOptions()).views)
+    return scan_sweep(read_sweep(_recording(recording), SweepOptions()))
 
 
 def robustness(scene: SceneSource, pushes: Sequence[PushSource] = (), **options: Any) -> Assessment:
