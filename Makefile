@@ -8,7 +8,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 # Many container images set it; without byte code, each start of a node compiles SciPy's sources again (1 to 2 s of CPU).
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint benchmark pictures clean
+.PHONY: help demo test lint benchmark pictures docs clean
 
 help: ## list these commands
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 18
@@ -36,6 +36,11 @@ benchmark: ## every figure of the README and docs (long)
 pictures: ## the pictures in docs/, from the committed recordings
 	@tools/set_up.sh viewer
 	@$(BIN)/python tools/make_pictures.py
+
+docs: ## the site, built strictly into out/site
+	@tools/set_up.sh viewer,docs
+	@PYTHONPATH=. $(BIN)/python -m sphinx -q -W --keep-going -b html docs out/site
+	@echo "open out/site/index.html"
 
 clean: ## remove the environment and everything built
 	rm -rf $(VENV) build install log out

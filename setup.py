@@ -66,7 +66,15 @@ ROS_REQUIRES = [
 ]
 SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmarks/concealed records with
 BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
+# A Dask cluster, files at URLs, and results as Parquet for `poise evaluate`.
+FLEET_REQUIRES = ["distributed>=2024.8", "fsspec>=2024.6", "pyarrow>=15"]
+USD_REQUIRES = ["usd-core>=24.11"]  # meshes in USD files
 VISION_REQUIRES = ["opencv-python-headless>=4.8"]  # finds printed boards
+# The site (`make docs`), and notebooks that CI executes.
+DOCS_REQUIRES = [
+    *("sphinx>=8", "furo>=2024.8", "myst-nb>=1.1", "sphinx-copybutton", "sphinx-design", "sphinxcontrib-mermaid>=1"),
+    *("ipykernel", "nbclient"),
+]
 
 
 def files(folder: str, pattern: str) -> list[str]:
@@ -171,7 +179,7 @@ if not CORE_ONLY:
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="0.2.0",
     description="Weigh, push, place and carry objects of unknown inertia with a mobile manipulator",
     license="Apache-2.0",
     packages=find_packages(
@@ -189,6 +197,9 @@ setup(
         "sim": SIM_REQUIRES,
         "baselines": BASELINE_REQUIRES,
         "vision": VISION_REQUIRES,
+        "fleet": FLEET_REQUIRES,
+        "docs": DOCS_REQUIRES,
+        "usd": USD_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -206,6 +217,9 @@ setup(
             *SIM_REQUIRES,
             *BASELINE_REQUIRES,
             *VISION_REQUIRES,
+            *FLEET_REQUIRES,
+            *DOCS_REQUIRES,
+            *USD_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, RigidObject
+from poise.assembly import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.grip import Pads
 from poise.fake_robots.world import Hand, Held
 from poise.geometry import Pose, quaternion_of_rotation, rotation_about
 from poise.inertia import InertialParameters
-from poise.types import Array
+from poise.worlds import mjcf_geom, mjcf_inertial, mjcf_place
 
 _STEP = 0.002  # s
 _THICKNESS = 0.012  # m of a finger
@@ -138,14 +138,14 @@ def _between(first: Pose, before: Pose, last: Pose, share: float) -> Pose:
 
 def _mjcf(assembly: Assembly, pads: Pads, riding: tuple[str, ...]) -> str:
     """The model."""
-    friction = assembly.friction or 0.0
+    shared = f'friction="{assembly.friction or 0.0} 0.005 0.0001" condim="4"'
     assets, bodies, goals, welds = [], [], [], []
 
     def follow(name: str, pose: Pose) -> None:
-        goals.append(f'<body name="{name}_goal" mocap="true" {_place(pose)}/>')
+        goals.append(f'<body name="{name}_goal" mocap="true" {mjcf_place(pose)}/>')
 
     for i, item in enumerate(assembly.objects):
-        geom, asset = _geom(i, item, friction)
+        geom, asset, _ = mjcf_geom(item, f"g{i}", shared, hull=True)
         assets.append(asset)
         inertial = joint = ""
         if item.id in riding:
@@ -153,9 +153,9 @@ def _mjcf(assembly: Assembly, pads: Pads, riding: tuple[str, ...]) -> str:
             welds.append(f'<weld body1="r{i}_goal" body2="b{i}" solref="0.004 1" solimp="0.99 0.999 0.001"/>')
             inertial, joint = '<inertial pos="0 0 0" mass="200" diaginertia="20 20 20"/>', "<freejoint/>"
         elif not item.fixed:
-            inertial, joint = _inertial(item), "<freejoint/>"
+            inertial, joint = mjcf_inertial(item), "<freejoint/>"
         drifts = ' gravcomp="1"' if item.id in riding else ""
-        bodies.append(f'<body name="b{i}" {_place(item.pose)}{drifts}>{joint}{inertial}{geom}</body>')
+        bodies.append(f'<body name="b{i}" {mjcf_place(item.pose)}{drifts}>{joint}{inertial}{geom}</body>')
     follow("hand", Pose.identity())
     size = f"{pads.width / 2} {_THICKNESS / 2} {pads.length / 2}"
     fingers = "".join(
@@ -182,30 +182,3 @@ def _mjcf(assembly: Assembly, pads: Pads, riding: tuple[str, ...]) -> str:
         f'impratio="10"/><asset>{"".join(assets)}</asset><worldbody>{"".join(goals)}{"".join(bodies)}{hand}</worldbody>'
         f"<contact>{pairs}</contact><equality>{''.join(welds)}</equality><actuator>{motors}</actuator></mujoco>"
     )
-
-
-def _geom(number: int, item: RigidObject, friction: float) -> tuple[str, str]:
-    shared = f'name="g{number}" friction="{friction} 0.005 0.0001" condim="4"'
-    shape = item.shape
-    if isinstance(shape, Box):
-        half = " ".join(str(value / 2) for value in shape.size)
-        return f'<geom type="box" size="{half}" {shared}/>', ""
-    if isinstance(shape, Cylinder):
-        return f'<geom type="cylinder" size="{shape.radius} {shape.length / 2}" {shared}/>', ""
-    vertices = " ".join(f"{value:.9g}" for value in shape.polyhedron.vertices.ravel())
-    # MuJoCo centres a mesh on its inertial frame; the geom's own pose then brings it back.
-    return f'<geom type="mesh" mesh="m{number}" {shared}/>', f'<mesh name="m{number}" vertex="{vertices}"/>'
-
-
-def _inertial(item: RigidObject) -> str:
-    com = item.pose.undo(item.com_in_world)
-    inertia: Array = item.pose.rotation.T @ item.inertia_in_world @ item.pose.rotation
-    full = (inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-    at = " ".join(f"{value:.12g}" for value in com)
-    return f'<inertial pos="{at}" mass="{item.mass}" fullinertia="{" ".join(f"{value:.12g}" for value in full)}"/>'
-
-
-def _place(pose: Pose) -> str:
-    x, y, z, w = quaternion_of_rotation(pose.rotation)
-    at = " ".join(f"{value:.12g}" for value in pose.translation)
-    return f'pos="{at}" quat="{w:.12g} {x:.12g} {y:.12g} {z:.12g}"'

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "averaging.h"
 #include "dense.h"
-#include "mass.h"
 
 static const double LARGEST_FALL = 0.8, LARGEST_STEP = 0.5, SHORTENING = 0.25, TINY = 2.2250738585072014e-308;
 static const double UNSEEN = 1e-6, PRECISION = 1e-12;
@@ -78,6 +78,29 @@ static void seen_through(const struct mass_model *model, const double *jacobian,
       for (int i = 0; i < PHI; i++) sum += root[i * wide + j] * half[i * wide + k];
       seen[j * wide + k] = sum;
     }
+}
+
+int64_t prior_of(const struct mass_model *model, const double *state, const double *variances, double *mean,
+                 double *covariance) {
+  const int64_t n = model->states, wide = n + 1;
+  const double nothing[PHI * PHI] = {0.0};
+  double *jacobian = malloc(sizeof(double) * (size_t)(3 * PHI * wide + wide * wide + n));
+  if (!jacobian) return POISE_NO_MEMORY;
+  double *root = jacobian + PHI * wide, *half = root + PHI * wide, *seen = half + PHI * wide;
+  double *offset = seen + wide * wide, phi[PHI];
+  mass_at(model, state, phi, jacobian);
+  for (int64_t k = 0; k < n; k++) offset[k] = model->guess[k] - state[k];
+  apply(jacobian, offset, PHI, n, mean);
+  for (int i = 0; i < PHI; i++) mean[i] += phi[i];
+  seen_through(model, jacobian, variances, nothing, root, half, seen);
+  for (int i = 0; i < PHI; i++)
+    for (int j = 0; j < PHI; j++) {
+      double sum = 0.0;
+      for (int64_t k = 0; k < wide; k++) sum += root[i * wide + k] * root[j * wide + k];
+      covariance[i * PHI + j] = sum;
+    }
+  free(jacobian);
+  return POISE_OK;
 }
 
 /* Scale `seen` to a unit diagonal and factor it, because the common mass is seen far better than all else. */
@@ -183,11 +206,9 @@ static int climb(const struct mass_model *model, struct room *room, double *stat
   return POISE_OK;
 }
 
-/* Hypotheses (count, ...) of cases (count,) of `informations` (cases, 10, 10) and `vectors` (cases, 10). States become
-   the most probable ones, with phi (count, 10), penalties (count,) and log determinants (count,) of 1 + C H. */
-POISE_EXPORT int64_t poise_climb(const struct mass_model *model, int64_t count, double *states, const double *variances,
-                                 const int64_t *cases, const double *informations, const double *vectors,
-                                 double tolerance, int64_t most, double *phi, double *penalties, double *determinants) {
+int64_t climb_all(const struct mass_model *model, int64_t count, double *states, const double *variances,
+                  const int64_t *cases, const double *informations, const double *vectors, double tolerance,
+                  int64_t most, double *phi, double *penalties, double *determinants) {
   struct room room;
   int status = make_room(&room, model->states);
   if (status) return status;
@@ -200,33 +221,40 @@ POISE_EXPORT int64_t poise_climb(const struct mass_model *model, int64_t count, 
   return status;
 }
 
-POISE_EXPORT void poise_mass_at(const struct mass_model *model, int64_t count, const double *states, double *phi,
-                                double *jacobians) {
-  for (int64_t h = 0; h < count; h++)
-    mass_at(model, states + h * model->states, phi + PHI * h, jacobians + PHI * model->states * h);
+/* half (wide, 10) = (1 + root^T H root)^-1/2 root^T, from `seen` = 1 + root^T H root, which is lost. */
+static void halved(double *seen, const double *root, int64_t wide, double *factor, double *values, double *half) {
+  memcpy(factor, seen, sizeof(double) * (size_t)(wide * wide));
+  if (!cholesky(factor, wide)) {
+    for (int64_t k = 0; k < wide; k++) /* L^-1 root^T */
+      for (int i = 0; i < PHI; i++) {
+        double sum = root[i * wide + k];
+        for (int64_t j = 0; j < k; j++) sum -= factor[k * wide + j] * half[j * PHI + i];
+        half[k * PHI + i] = sum / factor[k * (wide + 1)];
+      }
+    return;
+  }
+  eigen(seen, wide, values, factor); /* rounding has made information negative that there is none of */
+  for (int64_t k = 0; k < wide; k++)
+    for (int i = 0; i < PHI; i++) {
+      double sum = 0.0;
+      for (int64_t j = 0; j < wide; j++) sum += factor[j * wide + k] * root[i * wide + j];
+      half[k * PHI + i] = sum / sqrt(fmax(values[k], 1.0));
+    }
 }
 
-/* (count, 10, 10) covariance of phi after the samples, to first order; POISE_NOT_POSITIVE where rounding forbids it. */
-POISE_EXPORT int64_t poise_narrowed(const struct mass_model *model, int64_t count, const double *states,
-                                    const double *variances, const int64_t *cases, const double *informations,
-                                    double *covariances) {
+int64_t narrowed(const struct mass_model *model, int64_t count, const double *states, const double *variances,
+                 const int64_t *cases, const double *informations, double *covariances) {
   const int64_t wide = model->states + 1;
-  double phi[PHI], *jacobian = malloc(sizeof(double) * (size_t)(3 * PHI * wide + wide * wide));
+  double phi[PHI], *jacobian = malloc(sizeof(double) * (size_t)(3 * PHI * wide + 2 * wide * wide + wide));
   if (!jacobian) return POISE_NO_MEMORY;
   double *root = jacobian + PHI * wide, *half = root + PHI * wide, *seen = half + PHI * wide;
-  int status = POISE_OK;
-  for (int64_t h = 0; h < count && !status; h++) {
+  double *factor = seen + wide * wide, *values = factor + wide * wide;
+  for (int64_t h = 0; h < count; h++) {
     const double *own = variances + h * model->states;
     mass_at(model, states + h * model->states, phi, jacobian);
     seen_through(model, jacobian, own, informations + PHI * PHI * cases[h], root, half, seen);
-    status = cholesky(seen, wide);
-    for (int64_t k = 0; k < wide && !status; k++) /* half becomes L^-1 root^T, (wide, 10) */
-      for (int i = 0; i < PHI; i++) {
-        double sum = root[i * wide + k];
-        for (int64_t j = 0; j < k; j++) sum -= seen[k * wide + j] * half[j * PHI + i];
-        half[k * PHI + i] = sum / seen[k * (wide + 1)];
-      }
-    for (int i = 0; i < PHI && !status; i++)
+    halved(seen, root, wide, factor, values, half);
+    for (int i = 0; i < PHI; i++)
       for (int j = 0; j < PHI; j++) {
         double sum = 0.0;
         for (int64_t k = 0; k < wide; k++) sum += half[k * PHI + i] * half[k * PHI + j];
@@ -234,7 +262,7 @@ POISE_EXPORT int64_t poise_narrowed(const struct mass_model *model, int64_t coun
       }
   }
   free(jacobian);
-  return status;
+  return POISE_OK;
 }
 
 /* Choose a basis among columns of vectors (wide, wide) whose eigenvalues are 1 but for rounding; `_settle`. */
@@ -266,10 +294,8 @@ static void settle(const double *values, double *vectors, int64_t wide, double *
   }
 }
 
-/* (count, 10, 10) covariance of phi after the samples, where it is not linear in the states; `curved_covariance`. */
-POISE_EXPORT int64_t poise_curved(const struct mass_model *model, int64_t count, const double *states,
-                                  const double *variances, const int64_t *cases, const double *informations,
-                                  double *covariances) {
+int64_t curved(const struct mass_model *model, int64_t count, const double *states, const double *variances,
+               const int64_t *cases, const double *informations, double *covariances) {
   const int64_t n = model->states, wide = n + 1;
   const double distance = sqrt(3.0), heavy = sqrt(model->any_mass);
   double phi[PHI], there[PHI], first[PHI], deviation[PHI], system[PHI * PHI];

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-enum { SWEEPS = 60 };
+enum { SWEEPS = 60, SMALL = 16 };
 
 int factor_rows(double *a, int n, int *exchanges) {
   for (int k = 0; k < n; k++) {
@@ -49,6 +49,18 @@ void solve_rows(const double *a, int n, const int *exchanges, double *right, int
     for (int i = 0; i < k; i++)
       for (int c = 0; c < columns; c++) right[i * columns + c] -= a[i * n + k] * right[k * columns + c];
   }
+}
+
+int inverse(const double *a, int n, double *out) {
+  double rows[SMALL * SMALL];
+  int exchanges[SMALL];
+  for (int i = 0; i < n * n; i++) {
+    rows[i] = a[i];
+    out[i] = i % (n + 1) ? 0.0 : 1.0;
+  }
+  const int status = factor_rows(rows, n, exchanges);
+  if (!status) solve_rows(rows, n, exchanges, out, n);
+  return status;
 }
 
 int cholesky(double *a, int64_t n) {

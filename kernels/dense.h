@@ -10,6 +10,8 @@ int factor_rows(double *a, int n, int *exchanges);
 double log_determinant(const double *a, int n);
 /* right (n, columns) becomes the solution. */
 void solve_rows(const double *a, int n, const int *exchanges, double *right, int columns);
+/* out (n, n) = the inverse of a, of at most 16 rows; POISE_SINGULAR as above. */
+int inverse(const double *a, int n, double *out);
 
 /* a becomes its lower factor (what is above the diagonal stays); POISE_NOT_POSITIVE when there is none. */
 int cholesky(double *a, int64_t n);

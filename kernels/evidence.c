@@ -1,16 +1,13 @@
 /* Likelihoods from normal equations and sums over samples; in Python: ModelAverage.along, WithoutBias,
-   log_likelihood. */
+   log_likelihood, residual_moments, normal_equations. */
 #include <math.h>
 #include <string.h>
 
 #include "dense.h"
+#include "evidence.h"
 
-enum { PHI = 10, UNKNOWNS = 16, CHANNELS = 6, MOTION = 13, SIGNALS = 19 };
-
-/* Log evidence (cases, lags) and the steps (cases, lags, 16) from means (cases, 16) under priors (cases, 16, 16), for
-   normal equations (lags, 16, 16) and (lags, 16). */
-POISE_EXPORT int64_t poise_evidence(int64_t cases, int64_t lags, const double *informations, const double *vectors,
-                                    const double *priors, const double *means, double *log, double *steps) {
+int64_t evidence_at(int64_t cases, int64_t lags, const double *informations, const double *vectors,
+                    const double *priors, const double *means, double *log, double *steps) {
   double gradient[UNKNOWNS], system[UNKNOWNS * UNKNOWNS], pulled[UNKNOWNS];
   int exchanges[UNKNOWNS];
   for (int64_t b = 0; b < cases; b++)
@@ -37,8 +34,7 @@ static void cross_matrix(const double *v, double *out) {
   memcpy(out, rows, sizeof rows);
 }
 
-/* (6, 6) covariance of a residual; `variances` (6,) of the sensor, `motion` (2,) deviations of the accelerations. */
-static void covariance_of(const double *phi, const double *variances, const double *motion, double *out) {
+void covariance_of(const double *phi, const double *variances, const double *motion, double *out) {
   static const int symmetric[3][3] = {{4, 5, 6}, {5, 7, 8}, {6, 8, 9}};
   double first[9], by_motion[CHANNELS][CHANNELS];
   cross_matrix(phi + 1, first);
@@ -57,33 +53,36 @@ static void covariance_of(const double *phi, const double *variances, const doub
     }
 }
 
-/* (6, 6) sum of r r^T of the residuals that unknowns (16,) leave of sums (19, 19). `entries` (6, 16, 13): see
-   `signals`. */
-static void residual_sums(const double *moments, const double *unknowns, const double *entries, double *second) {
-  double rows[CHANNELS * SIGNALS] = {0.0}, half[CHANNELS * SIGNALS];
+void residual_rows(const double *unknowns, const double *entries, double *rows) {
+  memset(rows, 0, sizeof(double) * CHANNELS * SIGNALS);
   for (int i = 0; i < CHANNELS; i++) {
     for (int p = 0; p < UNKNOWNS; p++)
       for (int c = 0; c < MOTION; c++) rows[i * SIGNALS + c] -= unknowns[p] * entries[(i * UNKNOWNS + p) * MOTION + c];
     rows[i * SIGNALS + MOTION + i] = 1.0;
   }
+}
+
+void residual_sums(const double *moments, const double *rows, double *second, double *first) {
+  double half[CHANNELS * SIGNALS];
   product(rows, moments, CHANNELS, SIGNALS, SIGNALS, half);
-  for (int i = 0; i < CHANNELS; i++)
+  for (int i = 0; i < CHANNELS; i++) {
+    first[i] = half[i * SIGNALS + MOTION - 1];
     for (int j = 0; j < CHANNELS; j++) {
       double sum = 0.0;
       for (int c = 0; c < SIGNALS; c++) sum += half[i * SIGNALS + c] * rows[j * SIGNALS + c];
       second[i * CHANNELS + j] = sum;
     }
+  }
 }
 
-/* (count,) log likelihood of unknowns (count, 16) by sums (cases, 19, 19). */
-POISE_EXPORT int64_t poise_log_likelihood(int64_t count, const double *moments, const int64_t *cases,
-                                          const double *unknowns, const double *entries, const double *variances,
-                                          const double *motion, double *log) {
-  double second[CHANNELS * CHANNELS], covariance[CHANNELS * CHANNELS];
+int64_t log_likelihoods(int64_t count, const double *moments, const int64_t *cases, const double *unknowns,
+                        const double *entries, const double *variances, const double *motion, double *log) {
+  double second[CHANNELS * CHANNELS], covariance[CHANNELS * CHANNELS], rows[CHANNELS * SIGNALS], first[CHANNELS];
   int exchanges[CHANNELS];
   for (int64_t h = 0; h < count; h++) {
     const double *own = unknowns + UNKNOWNS * h;
-    residual_sums(moments + SIGNALS * SIGNALS * cases[h], own, entries, second);
+    residual_rows(own, entries, rows);
+    residual_sums(moments + SIGNALS * SIGNALS * cases[h], rows, second, first);
     covariance_of(own, variances, motion, covariance);
     if (factor_rows(covariance, CHANNELS, exchanges)) return POISE_SINGULAR;
     solve_rows(covariance, CHANNELS, exchanges, second, CHANNELS);
@@ -94,12 +93,9 @@ POISE_EXPORT int64_t poise_log_likelihood(int64_t count, const double *moments, 
   return POISE_OK;
 }
 
-/* The bias integrated out of normal equations (cases, 16, 16) and (cases, 16) with prior variances (cases, 6): all that
-   `WithoutBias` holds. */
-POISE_EXPORT int64_t poise_without_bias(int64_t cases, const double *informations, const double *vectors,
-                                        const double *variances, double *information, double *vector,
-                                        double *covariance, double *mean, double *slope, double *determinants) {
-  enum { BIAS = 6 };
+int64_t without_bias(int64_t cases, const double *informations, const double *vectors, const double *variances,
+                     double *information, double *vector, double *covariance, double *mean, double *slope,
+                     double *determinants) {
   double system[BIAS * BIAS], cross[BIAS * PHI];
   int exchanges[BIAS];
   for (int64_t b = 0; b < cases; b++) {
@@ -183,8 +179,6 @@ static int inverse_of(const double *covariance, double *weight) {
   return POISE_OK;
 }
 
-/* Normal equations (count, 16, 16) and (count, 16) of sums (count, 19, 19), weighed by a covariance (6, 6).
-   `counts` (count,) samples; `variance` of the angular accelerations; `entries` (6, 16, 13), which are sparse. */
 POISE_EXPORT int64_t poise_normal_equations(int64_t count, const double *moments, const double *counts,
                                             const double *covariance, double variance, const double *entries,
                                             double *informations, double *vectors) {

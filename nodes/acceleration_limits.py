@@ -9,7 +9,6 @@ import numpy as np
 from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from poise.assembly.robustness import AccelerationLimits, TurningBase
@@ -18,7 +17,7 @@ from poise.nodes.acceleration_worker import AccelerationWorker, limits_of, load_
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import GraspedPayload
-from poise.nodes.runtime import LATCHED, coded, guarded, to_message
+from poise.nodes.runtime import LATCHED, coded, guarded, subscribe, to_message
 from poise.nodes.workers import Worker, WorkerTemplate
 from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
@@ -116,7 +115,7 @@ class AccelerationLimitsNode(Node):
         if values["payload"]:
             self.create_subscription(InertialEstimate, "inertial_estimate", guarded(self, self._on_estimate), LATCHED)
         if values["from_odom"]:
-            self.create_subscription(Odometry, "odom", guarded(self, self._on_odom), QoSProfile(depth=10))
+            subscribe(self, Odometry, "odom", self._on_odom, 10)
         self.create_timer(1.0 / values["rate"], guarded(self, self._update))
 
     def destroy_node(self) -> None:

@@ -12,7 +12,7 @@ from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
 from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
 from poise.assembly.robustness import Robustness
-from poise.assembly.scene import check_density, read_object
+from poise.assembly.scene import check_density, read_object, scene_findings
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.shape import check_mesh
@@ -140,7 +140,7 @@ def assumptions_of(assembly: Assembly) -> list[str]:
         found += [f"{one}: {name} not given; {used}" for one in ids[:_NAMED]]
         if len(ids) > _NAMED:
             found.append(f"{len(ids) - _NAMED} more objects: {name} not given; {used}")
-    return found
+    return found + [f"probably wrong: {finding.sentence}" for finding in scene_findings(assembly)]
 
 
 def _xyz(vector: Any) -> list[float]:

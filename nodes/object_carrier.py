@@ -6,7 +6,6 @@ import time
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
@@ -15,7 +14,7 @@ from poise.nodes.arm_node import MovingNode
 from poise.nodes.assembly_message import pose_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
-from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, run, to_message
+from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, run, subscribe, to_message
 from poise.nodes.transforms import heard_frames, pose_between, pose_of
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.recording import stamp_of
@@ -63,7 +62,7 @@ class ObjectCarrier(MovingNode):
         self._commands = self.create_publisher(kind, "cmd_vel", 10)
         self.create_subscription(AccelerationLimits, "acceleration_limits", guarded(self, self._on_limits), LATCHED)
         self.create_subscription(Assembly, "assembly", guarded(self, self._on_assembly), LATCHED)
-        self.create_subscription(Odometry, "odom", guarded(self, self._on_odom), QoSProfile(depth=10))
+        subscribe(self, Odometry, "odom", self._on_odom, 10)
         self.create_timer(1.0 / values["rate"], guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, Action, "carry_object", self._accept)
         self.start()

@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 from poise.errors import ErrorCode, PoiseError
+from poise.nodes.responses import send_responses_again
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 
 try:  # at 1 kHz the events executor takes a fifth off the latency
@@ -41,6 +42,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     # Before init: rclpy's own handler, in C, does the shutdown; Python's handler would raise during that shutdown.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
+    send_responses_again()
     executor = EventsExecutor()
     # It is never destroyed: a signal while it takes in entities makes it forget some, and its destructor would abort
     # (rclpy 7.1.6).
@@ -141,6 +143,11 @@ def topic_hint(node: Node, topic: str, kind: str) -> str:
     name, there = node.resolve_topic_name(topic), dict(node.get_topic_names_and_types())
     if others := [other for other in there.get(name, ()) if other != kind]:
         return f"; {name} carries {', '.join(others)}, not {kind}"
+    if node.count_publishers(topic):
+        return (
+            f"; {name} has a publisher, of which nothing arrives: it is silent, or Fast DDS holds shared memory of a "
+            "process that was killed: start this node again"
+        )
     if elsewhere := sorted(other for other, kinds in there.items() if kind in kinds and other != name):
         return f"; {kind} is on {', '.join(elsewhere)}: remap {topic} to it"
     return ""

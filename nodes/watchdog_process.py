@@ -28,6 +28,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.motion_watch import MotionWatch, WatchLimits
+from poise.nodes.responses import send_responses_again
 from poise.nodes.runtime import EventsExecutor, to_message
 from poise.nodes.watchdog_link import QueuedLink, SharedNumber, Word
 
@@ -342,6 +343,7 @@ def main() -> None:
         signal_handler_options=rclpy.SignalHandlerOptions.NO,
     )
     node = WatchdogNode(link, setup.values, armed)
+    send_responses_again()
     executor = EventsExecutor()
     executor.add_node(node)
     for work in (node.look, node.obey):

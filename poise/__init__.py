@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from poise.api import diagnose, identify, place, read, robustness, scan, segment
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["compare", "diagnose", "identify", "place", "read", "robustness", "scan", "segment"]
 
 

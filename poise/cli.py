@@ -20,11 +20,12 @@ INTERNAL_ERROR = 1
 
 COMMANDS = {
     "identify": ("identify", "Estimate mass, centre of mass and inertia of the payload on a force-torque sensor."),
-    "evaluate": ("evaluate", "Identify the payload of every recording in a folder and compare the results."),
+    "evaluate": ("evaluate", "Run a job over many recordings, clouds or scenes and compare the results."),
     "excite": ("excite", "Plan a slow joint motion that reveals the inertial parameters of the payload."),
     "scan": ("scan", "Reconstruct an object on a table from a camera sweep and segment it into parts."),
     "calibrate": ("calibrate", "Estimate where a camera sits on the hand, and the zero offsets of the joints."),
     "segment": ("segment", "Segment a surface point cloud into parts and compute their volumes."),
+    "scene": ("scene", "Convert a world of Gazebo, MuJoCo, URDF or MoveIt into a scene file, or a scene into one."),
     "robustness": ("assembly", "Compute the force that each object of a scene withstands before something moves."),
     "msa": ("assembly", "Compute the maximum safe acceleration of a base in each direction."),
     "disassemble": ("assembly", "Find an order in which a scene can be taken apart without moving other objects."),
@@ -35,7 +36,14 @@ COMMANDS = {
     "place": ("place", "Find a stable placement for one or more objects in a scene."),
     "carry": ("carry", "Plan the arm motion that picks up an object and places it in a stable pose."),
     "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
-    "compare": ("compare", "Identify what changed from one recording of a robot to another."),
+    "compare": (
+        "compare",
+        "Identify what changed from one recording of a robot to another, or from several to several.",
+    ),
+    "rollout": (
+        "rollout",
+        "Run MuJoCo models freely from recorded states, and compare their motion and wrench with the recording.",
+    ),
     "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
     "loop": ("loop", "Run the whole loop on a fake robot: scan, pick, weigh, place and carry unknown objects."),
     "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),

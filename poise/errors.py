@@ -55,6 +55,7 @@ class ErrorCode(IntEnum):
     POINT_OFF_SURFACE = 55
     MESH_INVALID = 56
     SCAN_INCOMPLETE = 57
+    IMPLAUSIBLE = 58
 
     NO_PLACEMENT = 60
     SOLVER_FAILED = 61

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+WRITTEN_BY_TOOLS = ROOT / "docs" / "reference" / "generated"
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *(ROOT / room / "README.md" for room in ("bags", "examples"))]
+    [
+        *ROOT.glob("*.md"),
+        *(page for page in ROOT.glob("docs/**/*.md") if WRITTEN_BY_TOOLS not in page.parents),
+        *(ROOT / room / "README.md" for room in ("bags", "examples")),
+    ]
 )
 
 FENCE = re.compile(r"(?:^<!-- test: (?P<mark>[\w ]+) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S)

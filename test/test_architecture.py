@@ -21,13 +21,13 @@ LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation", "baselines"},
-    {"placement", "weighing", "mismatch", "excitation", "exporting", "world", "calibration"},
+    {"placement", "weighing", "mismatch", "excitation", "exporting", "world", "worlds", "calibration", "evaluation"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque", "gripping"},
     {"geometry", "kernels", "keystore", "serial_bus"},
-    {"types", "errors", "files", "ranges", "registry"},
+    {"types", "errors", "files", "ranges", "registry", "notebooks"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 

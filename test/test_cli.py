@@ -31,15 +31,9 @@ def strictly(text: str):
 
 def command(*arguments, stdout=subprocess.PIPE, **environment) -> subprocess.CompletedProcess:
     """Run `poise` as a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "poise.cli", *arguments],
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-    )
+    call = [sys.executable, "-m", "poise.cli", *arguments]
+    given = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
+    return subprocess.run(call, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=60, cwd=ROOT, env=given)
 
 
 @pytest.fixture
@@ -195,6 +189,13 @@ def test_run_lists_the_nodes_and_finds_installed_parameter_files(fails, tmp_path
     assert with_installed_parameters(given, tmp_path) == expected
 
 
+@pytest.mark.parametrize(("name", "same"), [("ft_driver", "poise run ft_driver --ros-args"), ("loop", "poise loop")])
+def test_a_launch_file_is_answered_with_the_command_that_starts_the_same(fails, name, same):
+    status, line = fails("run", f"{name}.launch.py", "robot:=fr3")
+    assert status == 2
+    assert f"`{same}" in line
+
+
 def test_the_help_of_a_node_does_not_start_it(tmp_path):
     (tmp_path / "ft_driver.yaml").touch()
     entry = EntryPoint("ft_driver", "poise.errors:main", "console_scripts")
@@ -227,7 +228,7 @@ def test_the_help_of_a_node_does_not_start_it(tmp_path):
         (["identify"], "BAG"),
         (["dance"], "dance"),
         (["evaluate", "nowhere"], "nowhere"),
-        (["evaluate", STATIC], "kuka_static"),
+        (["evaluate", "nowhere/*.mcap"], "nowhere"),
     ],
 )
 def test_bad_input_is_one_line_that_names_it_and_status_2(fails, arguments, named):

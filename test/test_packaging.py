@@ -36,6 +36,21 @@ def test_every_ros_package_that_a_node_or_launch_file_imports_is_in_package_xml(
     assert wanted <= named, wanted - named
 
 
+def test_every_file_that_names_the_version_names_the_same() -> None:
+    found = {
+        name: re.search(pattern, (ROOT / name).read_text(), re.M)[1]  # type: ignore[index]
+        for name, pattern in {
+            "setup.py": r'^    version="(.*)"',
+            "poise/__init__.py": r'^__version__ = "(.*)"',
+            "package.xml": r"<version>(.*)</version>",
+            "msg_defs/package.xml": r"<version>(.*)</version>",
+            "CITATION.cff": r"^version: (.*)$",
+            "CHANGELOG.md": r"^## (\S+)",
+        }.items()
+    }
+    assert len(set(found.values())) == 1, found
+
+
 @pytest.fixture(scope="module")
 def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The unpacked wheel of `POISE_CORE=1 pip install .` where there is no compiler."""

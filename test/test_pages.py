@@ -24,12 +24,13 @@ SHARED = ("bags", "examples", "docs", "config", "benchmarks")
 MARKS = {
     "": "the block runs",
     "status 2": "the block runs and ends with this exit status",
+    "status 3": "the block runs and ends with this exit status",
     "parsed": "the block names files that the reader has: its options are parsed",
     "needs ROS": "the block needs nodes on a graph: options, parameters, types and files are checked",
     "excerpt": "the block is an excerpt of an output",
 }
 """What `<!-- test: ... -->` above a block says."""
-FREE = {".", "cd", "export", "colcon", "rosdep", "source"}
+FREE = {".", "cd", "export", "colcon", "python3", "rosdep", "source"}
 """Programs of the shell and of ROS whose arguments are not checked."""
 
 
@@ -53,18 +54,42 @@ def outside_docs(arguments: list[str]) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "page", by_page([page for page in PAGES if any(block.language in ("sh", "text") for block in blocks(page))])
+    "page",
+    by_page([page for page in PAGES if any(block.language in ("sh", "python", "text") for block in blocks(page))]),
 )
-def test_the_commands_of_a_page(page: Path, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    printed = ""
+def test_the_blocks_of_a_page(page: Path, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its commands run one after the other, then its Python as one script; what the page shows of output is printed."""
+    shown: list[tuple[Block, Block]] = []
+    printed: dict[Block, str] = {}
+    above = None
     for block in blocks(page):
         assert block.mark in MARKS, f"{block}: unknown mark {block.mark!r}"
         if block.language == "sh":
             for line in block.commands:
                 check_command(block, shlex.split(line, comments=True), capsys)
-            printed = capsys.readouterr().out
-        elif block.language == "text" and block.mark != "excerpt":
-            check_printed(block, printed)
+            output = capsys.readouterr()
+            printed[block] = output.out + output.err
+        elif block.language == "text" and block.mark != "excerpt" and above is not None:
+            shown.append((block, above))
+        above = above if block.language == "text" else block
+    printed |= run_python([block for block in blocks(page) if block.language == "python"], reader)
+    for block, source in shown:
+        check_printed(block, printed[source])
+
+
+def run_python(examples: list[Block], reader: Path) -> dict[Block, str]:
+    """Run the Python blocks of a page as one script; what each printed."""
+    for block in examples:
+        compile(block.text, str(block), "exec")
+    chosen = [block for block in examples if block.mark == ""]
+    if not chosen:
+        return {}
+    (reader / "out").mkdir(exist_ok=True)
+    script = "\n".join(f"{block.text}\nprint('\\x1e', end='')" for block in chosen)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=reader, capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == 0, f"{chosen[0]}\n{done.stderr}"
+    return dict(zip(chosen, done.stdout.split("\x1e"), strict=False))
 
 
 def check_command(block: Block, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,9 +102,9 @@ def check_command(block: Block, words: list[str], capsys: pytest.CaptureFixture[
         check_node(where, rest[1], rest[2:])
     elif program == "poise":
         parse(where, rest)
-        if block.mark in ("", "status 2"):
+        if block.mark in ("", "status 2", "status 3"):
             status = run(outside_docs(rest))
-            assert status == (2 if block.mark else 0), f"{where}\n{capsys.readouterr().err}"
+            assert status == int(block.mark.removeprefix("status ") or 0), f"{where}\n{capsys.readouterr().err}"
     elif program == "ros2":
         check_ros2(where, rest)
     elif program == "make":
@@ -124,7 +149,9 @@ def check_ros2(where: str, words: list[str]) -> None:
         for argument in words[3:]:
             assert f'"{argument.partition(":=")[0]}"' in source, f"{where}: {argument}"
     else:
-        assert words[0] in ("action", "service", "topic"), where
+        assert words[0] in ("action", "bag", "service", "topic"), where
+        if words[0] == "bag":
+            return
         (kind,) = [word for word in words if re.fullmatch(r"\w+/(msg|srv|action)/\w+", word)]
         package, folder, name = kind.split("/")
         definition = ROOT / "msg_defs" / folder / f"{name}.{folder}"
@@ -150,23 +177,9 @@ def check_python(where: str, program: str, words: list[str]) -> None:
 def check_printed(block: Block, printed: str) -> None:
     """The words of a text block follow one another in what the block before it printed."""
     found, position = printed.replace("│", " ").split(), 0
-    for word in block.text.split():
+    for word in block.text.replace("│", " ").split():
         assert word in found[position:], f"{block}: {word!r} is not printed"
         position = found.index(word, position) + 1
-
-
-@pytest.mark.parametrize(
-    "page", by_page([page for page in PAGES if any(block.language == "python" for block in blocks(page))])
-)
-def test_the_python_of_a_page(page: Path, reader: Path) -> None:
-    (reader / "out").mkdir()
-    examples = [block for block in blocks(page) if block.language == "python"]
-    for block in examples:
-        compile(block.text, str(block), "exec")
-    script = "\n".join(block.text for block in examples if block.mark == "")
-    command = [sys.executable, "-c", script]
-    done = subprocess.run(command, cwd=reader, capture_output=True, text=True, timeout=200, check=False)
-    assert done.returncode == 0, f"{page.name}\n{done.stderr}"
 
 
 @pytest.mark.parametrize("page", by_page(PAGES))

@@ -131,7 +131,8 @@ def main() -> None:
     # A separate ROS domain, so that a robot on the network is not disturbed.
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(60, 100)))
     # The nodes discover one another in tenths of a second; with the default settings it can take three seconds.
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "quick_discovery.xml"))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(ROOT / "config" / "localhost_udp.xml")
     console.print(
         "[bold]Poise[/bold]: a KUKA LBR Med 14 with an ATI Gamma sensor, recorded by A. Skrede (CC BY 4.0).\n"
         "The mass of its payload is unknown. Bag → fake_robot → wrench, tf → inertial_estimator → estimate.\n"

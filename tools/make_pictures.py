@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib
-from mismatch_pictures import emps_panels, mismatch_pictures
+from mismatch_pictures import arm_panels, emps_panels, mismatch_pictures
+from simulator_pictures import against_panels, compare_panels, rollout_panels
 
 from poise.assembly import Analysis, acceleration_limits, assess, load_scene, robustness_map
 from poise.commands.assembly import read_pushes
@@ -95,6 +96,10 @@ def main() -> None:
     save("directions", [figures.sphere_panel(static), figures.sphere_panel(motion)], columns=2)
     save("excitation", swing(), columns=2)
     save("mismatch_emps", emps_panels(), columns=2)
+    save("tutorial_arm", arm_panels(), columns=2)
+    save("compare", compare_panels(), columns=3)
+    save("against", against_panels(), columns=3)
+    save("rollout", rollout_panels(), columns=3)
     with tempfile.TemporaryDirectory() as folder:
         page = write_identification_report(
             Path(folder),

@@ -73,6 +73,12 @@ def shaken() -> Diagnosis:
     return diagnose(reading.recorded, reading.model)
 
 
+def arm_panels() -> list[Panel]:
+    """Of the tutorial on missing physics: the friction of each joint over its velocity, recorded and fitted."""
+    reading = read_recording(open_recording(ROOT / "examples" / "arm" / "run.mcap"), NominalModel())
+    return friction_panels(diagnose(reading.recorded, reading.model).main, "arm")
+
+
 def emps_panels() -> list[Panel]:
     """A published recording of one prismatic axis: its last 30 % without and with the effects, and its friction."""
     found = diagnose((reading := read_recording(open_recording(EMPS), NominalModel())).recorded, reading.model)

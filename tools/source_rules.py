@@ -41,8 +41,8 @@ WORDING = {
 }
 """Private idiom -> the plain term; letters in brackets keep this table from matching itself."""
 WORDS = re.compile(rf"\b(?:{'|'.join(WORDING)})\b", re.IGNORECASE)
-REGISTERED = {"ENTRY"}
-"""Names that a registry looks for in each of its files."""
+REGISTERED = {"ENTRY", "CONTEXT_SETTINGS"}
+"""Names that a registry, or the command line, looks for in each of its files."""
 NOT_PROSE = re.compile(r"^(third_party/|LICENSE)|\.(png|svg|obj|stl|ply)$")
 
 

@@ -16,9 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0
 """s after which what must come counts as not coming."""
 TRANSPORT = {
-    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "config" / "quick_discovery.xml"),
-    "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # a killed process leaves files in shared memory
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+    "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "config" / "localhost_udp.xml"),
 }
 _PAGE = resource.getpagesize()
 

@@ -80,8 +80,8 @@ class Counts:
 def soak(minutes: float, domain: int) -> dict[str, Any]:
     """Run the graph; returns memory, processor and counts by name."""
     observer = Observer(domain, fast=True)
-    server, limits = Server(), AccelerationLimitsOfCube()
-    subjects: list[Subject] = [Driver(), Estimator(), Diagnoser(), server, limits]
+    sensor, server = Driver(), Server()
+    subjects: list[Subject] = [sensor, Estimator(), Diagnoser(), server, AccelerationLimitsOfCube()]
     arm, counts = Stream(), Counts()
     observer.hear(WrenchStamped, "wrench", arm.take)
     observer.hear(DiagnosticArray, "/diagnostics", counts.take)
@@ -114,6 +114,7 @@ def soak(minutes: float, domain: int) -> dict[str, Any]:
         "alive": alive,
         "messages": {"arm": (arm.heard, arm.missing), "ft_driver": (driver.heard, driver.missing)},
         "counts": counts.values,
+        "streams": sensor.streams,
         "false": [text for subject in subjects for text in subject.false],
     }
 
@@ -158,6 +159,7 @@ def main() -> None:
     console.print(table)
     for name, (heard, missing) in found["messages"].items():
         console.print(f"{name}: {heard} messages heard, {missing} missing by their stamps")
+    console.print(f"ft_driver asked its sensor for {found['streams']} streams: samples between two were not sent")
     for name, values in found["counts"].items():
         console.print(f"{name} counts {values}")
     console.print(f"false answers: {len(found['false'])}")

@@ -137,6 +137,11 @@ class Driver(Subject):
         self._sensor = self.open.enter_context(FakeRdtSensor(WrenchSource(_WRENCH), rate=1000.0))
         return {"address": "127.0.0.1", "port": self._sensor.port, "http_port": self._sensor.http_port}
 
+    @property
+    def streams(self) -> int:
+        """How often the driver has asked the sensor to begin: more than once after a silence."""
+        return self._sensor.starts
+
     def connect(self, observer: Observer) -> None:
         observer.hear(WrenchStamped, "wrench", self._judge)
 

@@ -14,6 +14,8 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
 NOTHING, OUTSIDE, SILENT = "none", "unknown", "no answer"
+_DARK = 0.6
+"""Share of a row from which its cell is too dark for black digits."""
 
 
 def counts(
@@ -41,10 +43,12 @@ def draw(path: Path, verdicts: Sequence[Verdict]) -> None:
     if not rows:
         return
     figure, axes = plt.subplots(figsize=(2.5 + 0.27 * len(columns), 2.2 + 0.24 * len(rows)), layout="constrained")
-    axes.imshow(table / table.sum(axis=1, keepdims=True), cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    shares = table / table.sum(axis=1, keepdims=True)
+    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (i, j), count in np.ndenumerate(table):
         if count:
-            axes.text(j, i, str(count), ha="center", va="center", fontsize=7, color="black")
+            colour = "white" if shares[i, j] > _DARK else "black"
+            axes.text(j, i, str(count), ha="center", va="center", fontsize=8, color=colour)
     axes.set_xticks(range(len(columns)), columns, rotation=90, fontsize=7)
     axes.set_yticks(range(len(rows)), rows, fontsize=7)
     axes.set_xlabel("named first")

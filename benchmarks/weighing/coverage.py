@@ -31,7 +31,7 @@ from poise.recording import Recording, open_recording
 from poise.shape.mesh_repair import repair
 from poise.types import Array
 
-SEEDS = {"dev": 0, "final": 61_000}
+SEEDS = {"dev": 0, "final": 174_000}
 """The first of the objects' seeds."""
 SECONDS = (5.0, 9.0)
 INNER = 40_000

@@ -28,9 +28,17 @@ from poise.commands.assembly_pictures import (
     refuse_folders,
 )
 from poise.commands.loads import LoadModelOption, LoadOption, LoadPoseOption, least_limits, loaded
-from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, warn, write_json
+from poise.commands.output import (
+    JsonOption,
+    console,
+    finding_json,
+    number_for_json,
+    refuse_folder,
+    warn,
+    write_json,
+)
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import SceneArgument, open_scene, open_settled
+from poise.commands.scenes import SceneArgument, open_scene, open_settled, scene_findings_json
 from poise.commands.settling import (
     PoseStdOption,
     SamplesOption,
@@ -102,8 +110,10 @@ def robustness(
     pushes = [] if queries is None else read_pushes(queries)
     start = time.perf_counter()
     found = assess_settled(settled, pushes, model, deadline, samples if pushes else 0, analysis=analysis)
-    content = _assessment_json(analysis, found, model, time.perf_counter() - start)
-    write_json(json_target, content | settled_json(settled, found))
+    content = _assessment_json(analysis, found, model, time.perf_counter() - start) | settled_json(settled, found)
+    scene_json = scene_findings_json(analysis.assembly)
+    content["findings"] = [*content.get("findings", []), *scene_json, *_pushes_of_fixed(analysis, pushes)]
+    write_json(json_target, content)
     print_moves(settled, json_target)
     _print_assessment(found, pushes, json_target)
     moved = [first_of(question) for question in carried(pushes, settled.seen, settled.assembly)]
@@ -121,6 +131,7 @@ def msa(
     load: LoadOption = None,
     model: LoadModelOption = None,
     load_pose: LoadPoseOption = None,
+    turning: Annotated[bool, typer.Option(help="Limits of turning, too, which take a part of the time.")] = True,
     deadline: DeadlineOption = None,
     pose_std: PoseStdOption = None,
     json_target: JsonOption = None,
@@ -138,11 +149,12 @@ def msa(
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
     analysis, others = loaded(open_scene(scene, pose_std), load, model, load_pose)
     start = time.perf_counter()
-    found = acceleration_limits(analysis, wanted, deadline)
+    found = acceleration_limits(analysis, wanted, deadline, turning)
     cautious, cautious_doubtful = least_limits(found, others, deadline)
     seconds = time.perf_counter() - start
     tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
-    write_json(json_target, _limits_json(found, tilts, cautious, cautious_doubtful, seconds))
+    content = _limits_json(found, tilts, cautious, cautious_doubtful, seconds)
+    write_json(json_target, content | {"findings": scene_findings_json(analysis.assembly)})
     people = console(json_target)
     table = Table("direction", "limit m/s2", "tilt rad", "moves first")
     rows = zip(found.directions, found.limits, tilts, found.first_to_move, found.doubtful.tolist(), strict=True)
@@ -152,8 +164,14 @@ def msa(
     people.print(table)
     if not found.complete:
         warn(_LATE)
-    people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
+    if turning:
+        people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
+
+
+def _if_asked(value: float) -> float | str | None:
+    """A limit of turning for JSON: None where none was asked for."""
+    return None if np.isnan(value) else number_for_json(value)
 
 
 def _mark(doubtful: bool) -> str:
@@ -173,8 +191,8 @@ def _limits_json(
         "seconds": seconds,
         "normals": found.normals,
         "offsets": found.offsets,
-        "angular_acceleration": number_for_json(found.angular_acceleration),
-        "angular_speed": number_for_json(found.angular_speed),
+        "angular_acceleration": _if_asked(found.angular_acceleration),
+        "angular_speed": _if_asked(found.angular_speed),
         "doubtful": found.doubtful,
         "complete": found.complete,
     }
@@ -198,12 +216,25 @@ def disassemble(
     analysis = open_scene(scene, pose_std)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
-    content = {"order": found.order, "safe": found.safe, "margins": margins, "complete": found.complete}
+    content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}
+    content["complete"] = found.complete
+    content["findings"] = scene_findings_json(analysis.assembly)
     write_json(json_target, content)
-    table = Table("take", "safe", "margin left N")
-    for name, safe, margin in zip(found.order, found.safe, found.margins, strict=True):
-        table.add_row(escape(name), "yes" if safe else "no", f"{margin:.3f}", style=None if safe else "red")
+    table = Table("take", "safe", "margin left N", "way out")
+    for name, safe, margin, way in zip(found.order, found.safe, found.margins, found.ways, strict=True):
+        along = "none found" if way is None else " ".join(f"{value:.2f}" for value in way + 0.0)
+        table.add_row(escape(name), "yes" if safe else "no", f"{margin:.3f}", along, style=None if safe else "red")
     console(json_target).print(table)
+
+
+def _pushes_of_fixed(analysis: Analysis, pushes: list[Question]) -> list[dict[str, Any]]:
+    """Findings about pushes on objects that no force moves."""
+    places = [analysis.assembly.place_of(first_of(question).object) for question in pushes]
+    fixed = sorted({analysis.assembly.objects[place].id for place in places if analysis.assembly.objects[place].fixed})
+    sentences = [f"{name} is fixed: no push on it moves anything" for name in fixed]
+    for sentence in sentences:
+        warn(sentence)
+    return [finding_json(ErrorCode.IMPLAUSIBLE, sentence, {}) for sentence in sentences]
 
 
 def _assessment_json(
@@ -255,6 +286,7 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
         "complete": found.complete,
         "solves": found.solves,
         "seconds": found.seconds,
+        "findings": scene_findings_json(found.analysis.assembly),
     }
 
 

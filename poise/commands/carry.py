@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from poise.assembly import RigidObject, write_scene
+from poise.assembly import RigidObject
 from poise.commands.assembly_pictures import ScenePictureOption, refuse_folders
 from poise.commands.output import JsonOption, console, number_for_json, write_json
 from poise.commands.place import (
@@ -27,6 +27,7 @@ from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer, pose_of, require_room, standing_at
 from poise.placement import Options, Uncertainty, plan_placement
+from poise.worlds import save_scene
 
 SpecOption = Annotated[
     str,
@@ -93,7 +94,7 @@ def carry(
         raise
     write_json(json_target, known | _content(reach, transfer))
     if output is not None:
-        write_scene(found.analysis.assembly, output)
+        save_scene(found.analysis.assembly, output)
     if picture is not None:
         people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
     print_answer(people, found)

@@ -1,22 +1,36 @@
 """`poise mismatch --export KIND:FILE`: what was found, written into the user's own model."""
 
+import os
+import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from poise.commands.exports import fixed_pose, robot_description
+from poise.commands.exports import fixed_pose
 from poise.commands.output import refuse_folder, warn
-from poise.errors import ErrorCode, InputError
-from poise.exporting.models import JointChange, LinkLoad, ModelChanges, all_model_exporters, model_exporter_of
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.exporting.models import (
+    DriveChange,
+    JointChange,
+    LinkLoad,
+    ModelChanges,
+    SensorChange,
+    WrittenModel,
+    all_model_exporters,
+    model_exporter_of,
+)
 from poise.files import write_whole
+from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis
-from poise.mismatch.application import found_payload, joint_values, without_place
-from poise.mismatch.reading import NominalModel
+from poise.mismatch.application import found_payload, found_sensor, joint_values, without_place
+from poise.mismatch.reading import NominalModel, ReadRecording, nominal_description
 from poise.recording import Recording, open_recording
+from poise.simulation.rollout import DriveEstimate
 
+_WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 ExportModelOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -64,7 +78,7 @@ def read_model_exports(texts: Sequence[str] | None, into: Sequence[Path] | None)
 
     Raises:
         InputError: BAD_INPUT for an unknown kind, for no file, for a model that is missing, left over, or would be
-            overwritten; FILE_UNREADABLE.
+            overwritten; FILE_UNREADABLE; FILE_UNWRITABLE for a target that is read-only.
     """
     sources = list(into or ())
     found = []
@@ -81,50 +95,135 @@ def read_model_exports(texts: Sequence[str] | None, into: Sequence[Path] | None)
             raise InputError(ErrorCode.FILE_UNREADABLE, f"--into {source}: no such file")
         if source is not None and Path(name).resolve() == source.resolve():
             raise InputError(ErrorCode.BAD_INPUT, f"--export {text} would overwrite --into: name another file")
+        _check_writable(text, Path(name))
         found.append(ModelExport(kind, Path(name), source))
     if sources:
         raise InputError(ErrorCode.BAD_INPUT, f"--into {sources[0]} has no --export: give --export KIND:FILE too")
     return found
 
 
-def write_model_exports(
-    requests: Sequence[ModelExport], found: Diagnosis, bag: Path, nominal: NominalModel, payload_link: str | None
-) -> list[Path]:
-    """Write every request, or nothing when one of them cannot be; return the files.
+def _check_writable(asked: str, target: Path) -> None:
+    """Refuse a target that is read-only: renaming a file onto it would replace it all the same."""
+    if target.exists() and not target.stat().st_mode & _WRITABLE:
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"--export {asked}: the file is read-only: name another one")
+    folder = next((each for each in target.absolute().parents if each.exists()), target)
+    if not os.access(folder, os.W_OK):
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"--export {asked}: nothing can be written in {folder}")
 
-    Raises:
-        PoiseError: as `ModelExporter.changed` and `found_payload`; FRAME_UNKNOWN; FILE_UNREADABLE, FILE_UNWRITABLE.
+
+def with_payload_link(model: NominalModel, payload_link: str | None) -> NominalModel:
+    """The nominal model of a simulator, of which a link that the command line names is the payload."""
+    if payload_link is None or model.simulator is None or model.payload_link is not None or model.phi is not None:
+        return model
+    return replace(model, payload_link=payload_link.partition("=")[0])
+
+
+@dataclass(frozen=True)
+class PreparedExports:
+    """What `--export` will write; or why nothing can be written.
+
+    Args:
+        files: target, content and what is not in it.
+        kinds: of the files.
+        error: that ends the command after the answer is printed.
     """
+
+    files: tuple[tuple[Path, WrittenModel], ...] = ()
+    kinds: tuple[str, ...] = ()
+    error: PoiseError | None = None
+
+    def as_json(self) -> list[dict[str, object]]:
+        """For the answer."""
+        return [
+            {"kind": kind, "file": str(target), "not_written": list(made.left_out)}
+            for kind, (target, made) in zip(self.kinds, self.files, strict=True)
+        ]
+
+    def write(self) -> list[Path]:
+        """Write every file, or none.
+
+        Raises:
+            PoiseError: see `error`; FILE_UNWRITABLE.
+        """
+        if self.error is not None:
+            raise self.error
+        for clause in dict.fromkeys(clause for _, made in self.files for clause in made.left_out):
+            warn(f"--export does not write {clause}")
+        return [write_whole(target, made.content) for target, made in self.files]
+
+
+def prepared_exports(
+    requests: Sequence[ModelExport],
+    found: Diagnosis | None,
+    drives: Sequence[DriveEstimate],
+    bag: Path,
+    reading: ReadRecording,
+    payload_link: str | None,
+) -> PreparedExports:
+    """Every request with what was found, before anything is written."""
     if not requests:
-        return []
-    recording = open_recording(bag)
-    changes = _changes(found, recording, nominal, payload_link)
-    texts = [model_exporter_of(each.kind).changed(changes, _source(each, recording, nominal)) for each in requests]
-    for clause in changes.left_out:
-        warn(f"--export does not write {clause}")
-    return [write_whole(request.target, text) for request, text in zip(requests, texts, strict=True)]
+        return PreparedExports()
+    try:
+        recording = open_recording(bag)
+        changes = _changes(found, drives, recording, reading, payload_link)
+        made = [
+            model_exporter_of(each.kind).changed(changes, _source(each, recording, reading.model)) for each in requests
+        ]
+    except PoiseError as error:
+        return PreparedExports(error=error)
+    targets = [each.target for each in requests]
+    return PreparedExports(tuple(zip(targets, made, strict=True)), tuple(each.kind for each in requests))
 
 
 def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -> bytes:
     if not model_exporter_of(request.kind).needs_source:
         return b""
     if request.source is None:
-        return robot_description(recording, nominal.urdf).encode()
+        return nominal_description(nominal, recording.robot_description).encode()
     try:
         return request.source.read_bytes()
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"--into {request.source}: {error.strerror}") from error
 
 
-def _changes(found: Diagnosis, recording: Recording, nominal: NominalModel, payload_link: str | None) -> ModelChanges:
-    joints = {joint: JointChange(**values) for joint, values in joint_values(found).items()}
-    left_out, payload = without_place(found), found_payload(found)
+def _changes(
+    found: Diagnosis | None,
+    drives: Sequence[DriveEstimate],
+    recording: Recording,
+    reading: ReadRecording,
+    payload_link: str | None,
+) -> ModelChanges:
+    fitted = {each.joint: {name: value.value for name, value in each.values.items()} for each in drives if each.kept}
+    moved = {
+        joint: DriveChange(values.get("gain"), values.get("rate_gain"), values.get("delay"))
+        for joint, values in fitted.items()
+    }
+    of_joints: dict[str, dict[str, float]] = {
+        joint: {name: values[name] for name in ("friction", "damping", "armature") if name in values}
+        for joint, values in fitted.items()
+    }
+    reason = "its fit does not predict other windows better"
+    worse = [f"the drive of {each.joint}: {reason}" for each in drives if not each.kept]
+    if found is None:
+        joints = {joint: JointChange(**values) for joint, values in of_joints.items()}
+        return ModelChanges(joints, None, tuple(worse), moved)
+    for joint, values in joint_values(found).items():
+        of_joints[joint] = of_joints.get(joint, {}) | values
+    joints = {joint: JointChange(**values) for joint, values in of_joints.items()}
+    left_out, payload = [*without_place(found), *worse], found_payload(found)
+    frame = reading.model.sensor_frame or ""
+    shown = found_sensor(found)
+    sensor = SensorChange(frame, **shown) if shown else None
     if payload is not None and payload_link is None:
         left_out.append("the payload: name its link with --payload-link")
-    if payload is None or payload_link is None:
-        return ModelChanges(joints, None, tuple(left_out))
+    load = None if payload is None or payload_link is None else _load(payload, payload_link, frame, recording, reading)
+    return ModelChanges(joints, load, tuple(left_out), moved, sensor)
+
+
+def _load(
+    payload: InertialParameters, payload_link: str, sensor: str, recording: Recording, reading: ReadRecording
+) -> LinkLoad:
     link, _, frame = payload_link.partition("=")
-    sensor = found.main.problem.model.sensor_frame or ""
-    description = robot_description(recording, nominal.urdf)
+    description = nominal_description(reading.model, recording.robot_description)
     pose = fixed_pose(f"--payload-link {payload_link}", frame or link, sensor, recording, description)
-    return ModelChanges(joints, LinkLoad(link, payload.in_frame(pose.rotation, pose.translation)), tuple(left_out))
+    return LinkLoad(link, payload.in_frame(pose.rotation, pose.translation))

@@ -22,6 +22,16 @@ JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
+SearchDeadlineOption = Annotated[
+    float,
+    typer.Option(
+        "--deadline",
+        metavar="SECONDS",
+        min=0.1,
+        help="Answer after about this time with the best result so far.",
+        show_default=False,
+    ),
+]
 BAG_HELP = "A recording: .mcap, .db3, rosbag2 folder, ROS 1 .bag, or a table with columns.yaml."
 
 

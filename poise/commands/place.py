@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from poise.assembly import RigidObject, write_scene
+from poise.assembly import RigidObject
 from poise.assembly.scene import read_object
 from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
-from poise.commands.scenes import SceneArgument, open_scene
+from poise.commands.scenes import SceneArgument, open_scene, scene_findings_json
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
@@ -31,6 +31,7 @@ from poise.placement import (
     Uncertainty,
     plan_sequence,
 )
+from poise.worlds import save_scene
 
 _MOST_BYTES = 1_000_000
 
@@ -120,9 +121,10 @@ def place(
     except NoAnswerError as error:
         write_json(json_target, failure_of(error))
         raise
-    write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found))
+    content = _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found)
+    write_json(json_target, content | {"findings": scene_findings_json(found.analysis.assembly)})
     if output is not None:
-        write_scene(found.analysis.assembly, output)
+        save_scene(found.analysis.assembly, output)
     print_answer(people, found)
 
 

@@ -27,6 +27,8 @@ def run(
 
     Example:  poise run fake_robot --ros-args --params-file fake_robot_xarm7.yaml -r __ns:=/arm
     """
+    if node.endswith(".launch.py"):
+        raise _instead_of_launch(node.removesuffix(".launch.py"))
     prepare_nodes(node)
     nodes = installed_nodes()
     if node not in nodes:
@@ -37,6 +39,13 @@ def run(
         return
     sys.argv = [node, *with_installed_parameters(context.args, config)]
     nodes[node].load()()
+
+
+def _instead_of_launch(name: str) -> InputError:
+    """PyPI has no `launch`; every launch file of Poise but one starts a single node with its parameter file."""
+    same = "poise loop" if name == "loop" else f"poise run {name} --ros-args --params-file {name}.yaml"
+    message = f"launch files need `ros2 launch poise {name}.launch.py`, which PyPI does not have; the same is `{same}`"
+    return InputError(ErrorCode.UNSUPPORTED, message)
 
 
 def prepare_nodes(what: str) -> None:

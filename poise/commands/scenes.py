@@ -2,16 +2,25 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from poise.assembly import Analysis, Settled, load_scene, settle
-from poise.assembly.scene import with_pose_covariance
-from poise.commands.output import warn
+from poise.assembly import Analysis, Assembly, Settled, settle
+from poise.assembly.scene import scene_findings, with_pose_covariance
+from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
+from poise.errors import ErrorCode
+from poise.worlds import read_world
 
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
+SceneArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCENE",
+        help="A scene file (YAML), or a world in SDFormat, MJCF, URDF or of MoveIt.",
+        show_default=False,
+    ),
+]
 
 
 def open_scene(path: Path, pose_std: str | None = None) -> Analysis:
@@ -27,10 +36,10 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
     """The scene in a file, settled if its poses are uncertain, by themselves or by the words of `--pose-std`.
 
     Raises:
-        InputError: as `load_scene` and `settle`; INTERPENETRATION, FLOATING.
+        InputError: as `read_world` and `settle`; INTERPENETRATION, FLOATING.
     """
-    assembly = load_scene(path)
-    for note in assembly.notes:
+    assembly, notes = read_world(path)
+    for note in (*notes, *assembly.notes, *(found.sentence for found in scene_findings(assembly))):
         warn(note)
     if pose_std is not None:
         objects = with_pose_covariance(assembly.objects, read_pose_std(pose_std))
@@ -38,3 +47,8 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
     settled = settle(assembly)
     warn_of_moves(settled)
     return settled
+
+
+def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:
+    """What is probably wrong in a scene, as the contract writes findings."""
+    return [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in scene_findings(assembly)]

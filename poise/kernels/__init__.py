@@ -4,9 +4,10 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `averaging`: hypotheses about a payload. `bounds`: least squares with bounds. `chain`: forward kinematics.
-- `clocks`: sums at many lags. `records`: records of an mcap file. `recursions`: filters and moving parts.
-- `robust`: least squares that weigh outliers less. `smoothing`: splines.
+- `bounds`: least squares with bounds. `chain`: forward kinematics. `clocks`: sums at many lags.
+- `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
+  outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
+  `sums`: normal equations.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -16,47 +17,45 @@ from typing import TYPE_CHECKING, Any
 from poise.kernels.library import COMPILED
 
 if TYPE_CHECKING:
-    from poise.kernels.averaging import (
-        CompiledHypotheses,
-        bias_taken_out,
-        evidence,
-        sums_likelihood,
-        weighed_sums,
-    )
     from poise.kernels.bounds import bounded_minimum
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
     from poise.kernels.records import find_records
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
+    from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.smoothing import CompiledSplines
+    from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
+    from poise.kernels.sums import weighed_sums
 
 __all__ = [
     "COMPILED",
     "Chain",
-    "CompiledHypotheses",
+    "CompiledBodies",
+    "CompiledConeProgram",
+    "CompiledElastic",
+    "CompiledSearch",
     "CompiledSplines",
+    "SearchAnswer",
     "between_stops",
-    "bias_taken_out",
     "bounded_minimum",
     "chain_motion",
     "clock_sums",
-    "evidence",
     "find_records",
     "innovation_squares",
     "innovations",
     "pendulum",
     "robust_fit",
-    "sums_likelihood",
     "weighed_sums",
 ]
 
 _FILES = {
-    "CompiledHypotheses": "averaging",
-    "bias_taken_out": "averaging",
-    "evidence": "averaging",
-    "sums_likelihood": "averaging",
-    "weighed_sums": "averaging",
+    "CompiledBodies": "statics",
+    "CompiledConeProgram": "statics",
+    "CompiledElastic": "statics",
+    "CompiledSearch": "search",
+    "SearchAnswer": "search",
+    "weighed_sums": "sums",
     "bounded_minimum": "bounds",
     "Chain": "chain",
     "chain_motion": "chain",

@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 1
+_VERSION = 2
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -16,12 +16,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_smoother_at": (_INT, [_POINTER, _INT, _INT, _POINTER, _POINTER]),
     "poise_smoother_covariance": (_INT, [_POINTER, *[_INT] * 7, _POINTER, _POINTER]),
     "poise_smoother_free": (None, [_POINTER]),
-    "poise_mass_at": (None, [_POINTER, _INT, *[_POINTER] * 3]),
-    "poise_climb": (_INT, [_POINTER, _INT, *[_POINTER] * 5, ctypes.c_double, _INT, *[_POINTER] * 3]),
-    "poise_narrowed": (_INT, [_POINTER, _INT, *[_POINTER] * 5]),
-    "poise_curved": (_INT, [_POINTER, _INT, *[_POINTER] * 5]),
-    "poise_evidence": (_INT, [_INT, _INT, *[_POINTER] * 6]),
-    "poise_without_bias": (_INT, [_INT, *[_POINTER] * 9]),
+    "poise_search": (_INT, [_POINTER]),
     "poise_normal_equations": (_INT, [_INT, *[_POINTER] * 3, ctypes.c_double, *[_POINTER] * 3]),
     "poise_clock_sums": (
         None,
@@ -33,7 +28,20 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_innovation_squares": (None, [_INT, _INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
-    "poise_log_likelihood": (_INT, [_INT, *[_POINTER] * 7]),
+    "poise_elastic_descend": (
+        _INT,
+        [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, _POINTER, _POINTER],
+    ),
+    "poise_elastic_reach": (
+        _INT,
+        [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, *[_POINTER] * 3],
+    ),
+    "poise_elastic_response": (_INT, [_POINTER] * 4),
+    "poise_elastic_left": (_INT, [_POINTER] * 4),
+    "poise_cones_new": (_POINTER, [_POINTER]),
+    "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
+    "poise_cones_renew": (None, [_POINTER]),
+    "poise_cones_free": (None, [_POINTER]),
 }
 
 

@@ -137,6 +137,11 @@ class Arm:
         pin.framesForwardKinematics(self.model, self.data, q)
         return self.base * self.data.oMf[self.tcp]
 
+    def joint_origins(self, q: Array) -> Array:
+        """(J, 3) m, in the scene: where the joints are at a configuration, from the base outwards."""
+        self.tool(q)
+        return np.array([(self.base * place).translation for place in list(self.data.oMi)[1:]])
+
     @cached_property
     def wrist(self) -> int:
         """The joint that carries the hand."""

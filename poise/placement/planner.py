@@ -13,6 +13,7 @@ from poise.assembly import Analysis, Assembly, RigidObject
 from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose, unit
+from poise.notebooks import html_table
 from poise.placement.balance import SupportCheck
 from poise.placement.choice import best_confirmed
 from poise.placement.features import ContactFeatures
@@ -88,6 +89,12 @@ class Placement:
     def __repr__(self) -> str:
         pose = ", ".join(f"{value:.4f}" for value in self.pose.vector)
         return f"Placement({self.item.id} at [{pose}], {self.iterations} poses tested in {self.seconds:.2f} s)"
+
+    def _repr_html_(self) -> str:
+        """The pose, and what was rejected on the way, for notebooks."""
+        pose = ", ".join(f"{value:.4f}" for value in self.pose.vector)
+        rows = [("pose (x y z, quaternion)", pose), ("poses tested", self.iterations), *self.rejected.items()]
+        return html_table(f"{self.item.id} is placed", ("", ""), rows)
 
     @cached_property
     def score(self) -> PlacementScore:

@@ -11,7 +11,7 @@ from poise.recording.alignment import (
 )
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.encoding import LATCHED_TOPICS, encode_stream, encode_text, typestore
-from poise.recording.folders import find_recordings, skipped_entries
+from poise.recording.folders import find_recordings, is_recording, skipped_entries
 from poise.recording.images import (
     CLOUD,
     COMPRESSED,
@@ -61,6 +61,7 @@ __all__ = [
     "image_of",
     "interpolate",
     "interpolate_rotations",
+    "is_recording",
     "joint_commands",
     "joint_states_in",
     "messages_of",

@@ -93,8 +93,10 @@ def pose_stream(
     ]
     parent = _only(topic, parts, "frame_id")
     child = _only(topic, parts, "child_frame_id")
-    stamps, (translation, quaternion) = _in_order(topic, parts, ["translation", "rotation"], note_late)
-    return PoseStream(stamps, rotation_of_quaternion(quaternion), translation, parent, child)
+    fields = ["translation", "rotation", *(["twist"] if all("twist" in columns for _, columns in parts) else [])]
+    stamps, (translation, quaternion, *twists) = _in_order(topic, parts, fields, note_late)
+    twist = twists[0] if twists and not np.isnan(twists[0]).all() else None
+    return PoseStream(stamps, rotation_of_quaternion(quaternion), translation, parent, child, twist)
 
 
 def _parts(topic: str, batches: Iterable[Batch]) -> list[_Part]:

@@ -178,12 +178,12 @@ def _tf_messages(stream: PoseStream) -> Iterator[Any]:
 
 
 def _odometry_messages(stream: PoseStream) -> Iterator[Any]:
-    """The twist is unknown to a pose stream: NaN."""
+    """A twist that was not measured is NaN."""
     unknown = np.zeros(36)
-    nothing = _vector([np.nan] * 3)
-    twist = _make("geometry_msgs/msg/Twist", linear=nothing, angular=nothing)
-    rows = zip(stream.stamps.tolist(), stream.translation_parent_child.tolist(), quaternions_of(stream), strict=True)
-    for stamp, translation, quaternion in rows:
+    twists = np.full((len(stream), 6), np.nan) if stream.twist_in_child is None else stream.twist_in_child
+    poses = zip(stream.translation_parent_child.tolist(), quaternions_of(stream), twists.tolist(), strict=True)
+    for stamp, (translation, quaternion, rates) in zip(stream.stamps.tolist(), poses, strict=True):
+        twist = _make("geometry_msgs/msg/Twist", linear=_vector(rates[:3]), angular=_vector(rates[3:]))
         point = _make("geometry_msgs/msg/Point", x=translation[0], y=translation[1], z=translation[2])
         pose = _make("geometry_msgs/msg/Pose", position=point, orientation=_quaternion(quaternion))
         yield _make(

@@ -72,7 +72,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
     try:
         if (folder / "metadata.yaml").exists() or (folder / _MAPPING).exists():
             return [folder]
-        folders = [path for path in folder.iterdir() if path.is_dir() and _is_recording(path)]
+        folders = [path for path in folder.iterdir() if path.is_dir() and is_recording(path)]
         found = sorted([*folders, *_ending_in(folder, (*_RECORDING_ENDINGS, "." + _MAPPING))])
     except OSError as error:
         raise InputError(
@@ -100,7 +100,8 @@ def skipped_entries(folder: str | Path, found: list[Path]) -> list[str]:
     return sorted(path.name + "/" * path.is_dir() for path in left if path.suffix.lower() not in tables)
 
 
-def _is_recording(folder: Path) -> bool:
+def is_recording(folder: Path) -> bool:
+    """Whether a folder is one recording: of rosbag2, or of tables with their mapping."""
     if any((folder / name).exists() for name in ("metadata.yaml", _MAPPING)):
         return True
     files = _ending_in(folder, _SPLIT_ENDINGS)  # a killed recorder leaves them without metadata.yaml

@@ -2,20 +2,24 @@
 
 import functools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
+from poise.notebooks import html_table
 from poise.recording import decoding
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.cdr import Batch, UndecodableError, decode
 from poise.recording.contents import Contents, MessageBlock
 from poise.recording.folders import find_files
 from poise.recording.opening import read_contents
-from poise.recording.streams import ImuStream, JointStream, PoseStream, WrenchStream
+from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
+
+S = TypeVar("S", bound=Stream)
 
 _BLOCKS_AT_HAND = 8  # kept decompressed while messages are read in the order of time
 
@@ -95,6 +99,7 @@ class Recording:
         metadata: the mcap metadata records, by their name.
         unchecked: messages that no checksum vouches for, because the writer left none (rosbag2 does by default).
         reordered: messages that came late and were put in their place, by topic; grows as streams are read.
+        unstamped: topics whose headers have no stamps, so that log times are used; grows likewise.
     """
 
     def __init__(self, path: Path, files: list[Contents[Any]], losses: Iterable[Loss] = ()) -> None:
@@ -102,6 +107,7 @@ class Recording:
         self.losses = (*losses, *(loss for contents in files for loss in contents.losses))
         self.metadata = {name: values for contents in files for name, values in contents.metadata.items()}
         self.reordered: dict[str, int] = {}
+        self.unstamped: set[str] = set()
         self._unpacked = [contents.unpacked for contents in files]  # temporary folders, deleted with this object
         self._topics: list[Topic] = []
         self._blocks: list[tuple[MessageBlock, npt.NDArray[np.int64]]] = []  # with the number of each message's topic
@@ -116,9 +122,19 @@ class Recording:
         for topic, count in zip(self._topics, found, strict=True):
             self.counts[topic.name] += int(count)
 
+    @property
+    def newest(self) -> int:
+        """The log time of the last message, ns."""
+        return max(int(block.messages["log_time"].max()) for block, _ in self._blocks if len(block.messages))
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
         return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
+
+    def _repr_html_(self) -> str:
+        """Topics with their types and counts, and what is wrong with the bag, for notebooks."""
+        rows = [(name, kind, self.counts[name]) for name, kind in self.topics.items()]
+        return html_table(str(self.path), ("topic", "type", "messages"), rows, [loss.sentence for loss in self.losses])
 
     def _add_file(self, contents: Contents[Any]) -> None:
         number_by_channel = np.zeros(1 << 16, dtype=np.int64)
@@ -188,7 +204,7 @@ class Recording:
                 decode; FRAME_UNKNOWN when the frame changes on the way; EMPTY when no message is left.
         """
         found, batches = self._decode(topic, "geometry_msgs/msg/WrenchStamped")
-        return decoding.wrench_stream(found, batches, self._note_late, frame_id)
+        return self._on_a_clock(decoding.wrench_stream(found, batches, self._note_late, frame_id), found)
 
     def wrench_frames(self, topic: str = "wrench") -> dict[str, int]:
         """The frames that wrenches name, and how many messages do, in the order of arrival.
@@ -210,7 +226,8 @@ class Recording:
             InputError: as `wrench`; JOINT_MISSING when no message holds the names, or None and the messages differ.
         """
         found, batches = self._decode(topic, "sensor_msgs/msg/JointState")
-        return decoding.joint_stream(found, batches, self._note_late, None if names is None else tuple(names))
+        wanted = None if names is None else tuple(names)
+        return self._on_a_clock(decoding.joint_stream(found, batches, self._note_late, wanted), found)
 
     def imu(self, topic: str = "imu") -> ImuStream:
         """Read sensor_msgs/Imu; what a message declares as not measured (covariance -1) is NaN.
@@ -305,6 +322,22 @@ class Recording:
                     "record it again, or leave this topic out",
                 ) from error
             done += len(entries)
+
+    def _on_a_clock(self, stream: S, name: str) -> S:
+        """A stream whose headers have no stamps, as some simulators write it, at its log times."""
+        if len(stream) < 2 or stream.stamps.any():
+            return stream
+        chosen = np.array([topic.name == name for topic in self._topics])
+        times = [block.messages["log_time"][chosen[numbers]] for block, numbers in self._blocks]
+        logged = np.sort(np.concatenate(times).astype(np.int64))
+        if len(logged) != len(stream) or logged[0] == logged[-1]:
+            raise InputError(
+                ErrorCode.TIME_BACKWARDS,
+                f"{self.path}: the headers of {name} have no stamps, and neither has the bag: let the simulator stamp"
+                " its messages (use_sim_time with /clock)",
+            )
+        self.unstamped.add(name)
+        return replace(stream, stamps=logged)
 
     def _note_late(self, topic: str, count: int) -> None:
         self.reordered[topic] = count

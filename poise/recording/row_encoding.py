@@ -62,7 +62,8 @@ def _columns(stream: Stream) -> dict[str, Array]:
     if isinstance(stream, JointStream):
         return {"position": stream.position, "velocity": stream.velocity, "effort": stream.effort}
     if isinstance(stream, PoseStream):
-        return {"translation": stream.translation_parent_child, "rotation": np.array(quaternions_of(stream))}
+        rates = {} if stream.twist_in_child is None else {"twist": stream.twist_in_child}
+        return {"translation": stream.translation_parent_child, "rotation": np.array(quaternions_of(stream))} | rates
     if isinstance(stream, ImuStream):
         measured = {"angular_velocity": stream.angular_velocity, "linear_acceleration": stream.linear_acceleration}
         return {name: values for name, values in measured.items() if not np.isnan(values).all()}

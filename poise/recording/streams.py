@@ -149,17 +149,21 @@ class PoseStream(Stream):
         translation_parent_child: (N, 3) m.
         parent: frame name.
         child: frame name.
+        twist_in_child: (N, 6) m/s and rad/s of the child in its own axes; None where it was not measured.
     """
 
     rotation_parent_child: Array
     translation_parent_child: Array
     parent: str
     child: str
+    twist_in_child: Array | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._freeze("rotation_parent_child", np.float64, (len(self), 3, 3))
         self._freeze("translation_parent_child", np.float64, (len(self), 3))
+        if self.twist_in_child is not None:
+            self._freeze("twist_in_child", np.float64, (len(self), 6))
 
 
 @dataclass(frozen=True, eq=False)

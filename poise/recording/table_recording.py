@@ -178,7 +178,7 @@ def _stream(mapping: TableMapping, topic: MappedTopic, values: dict[str, Array],
         return WrenchStream(rows, np.hstack(parts), *topic.frames)
     if topic.kind == "imu":
         return ImuStream(rows, parts[0], parts[1], topic.frames[0])
-    return PoseStream(rows, _rotations(mapping, topic, values, count), parts[0], *topic.frames)
+    return PoseStream(rows, _rotations(mapping, topic, values, count), parts[0], topic.frames[0], topic.frames[1])
 
 
 def _rotations(mapping: TableMapping, topic: MappedTopic, values: dict[str, Array], count: int) -> Array:

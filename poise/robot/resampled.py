@@ -33,6 +33,8 @@ _NOISY = 2.2
 """Local scatter about a spline that noise alone may cause, in units of its variance."""
 _RINGING = 2.0
 """Knot spacings on either side of a misfit within which a spline rings."""
+_NOISELESS = 1e-9
+"""m or rad: less noise than any encoder or odometry has."""
 _HONEST = 2.5
 """Measured rates are not used when their means over 25 samples scatter by more than this factor over white noise."""
 
@@ -130,20 +132,23 @@ class _Blend:
             np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
         )
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
-        self._fits = (
-            plain
-            if slopes is None
-            else [fit.with_slopes(columns, fit.slope_sums(slopes), np.full(len(columns), weight)) for fit in plain]
-        )
-        self._score = np.stack([self._local(fit, values) for fit in self._fits])
+        self._fits = plain
+        if slopes is not None:
+            self._fits = [
+                fit.with_slopes(columns, fit.slope_sums(slopes), np.full(len(columns), weight)) for fit in plain
+            ]
+            best = np.argmin([fit.score() for fit in self._fits], axis=0)
+        self._score = np.stack([self._local(fit, values, slopes, weight) for fit in self._fits])
         self._misfits = [self._misfit(fit, values) for fit in self._fits]
         # Much closer knots than the whole signal needs would fit noise where it is locally larger.
         fine = np.array([grid.size for grid in grids])
         self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
 
-    def _local(self, fit: SplineFit, values: Array) -> Array:
+    def _local(self, fit: SplineFit, values: Array, slopes: Array | None, weight: float) -> Array:
         """(M, J) local log likelihood, less `_PRICE` for every coefficient spent nearby."""
         square = ((values - fit(self._seconds)) / self.noise) ** 2
+        if slopes is not None:
+            square = square + weight * ((slopes - fit(self._seconds, 1)) / self.noise) ** 2
         spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
         return self._around(-0.5 * square) - _PRICE * spent
 
@@ -211,7 +216,8 @@ def _trusted(
     scatter = np.maximum(off.var(axis=0), 1e-18)
     if (25.0 * np.mean(means**2, axis=0) > _HONEST * scatter).any():
         return None, 0.0
-    return rates, float(np.median(noise**2 / scatter))
+    noisy = noise > _NOISELESS  # a planar base never leaves the plane
+    return rates, float(np.median((noise**2 / scatter)[noisy if noisy.any() else slice(None)]))
 
 
 def _roughness(seconds: Array, values: Array) -> float:

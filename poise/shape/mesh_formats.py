@@ -59,7 +59,7 @@ def read_obj(content: bytes, name: str) -> Arrays:
             raise corrupt(name, f"line {number} cannot be read: {line[:60]!r}") from error
         if len(polygons) > MAX_TRIANGLES:
             _limit(len(polygons), name)
-    return np.array(vertices, dtype=np.float64).reshape(-1, 3), _fans(polygons, name)
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3), fans(polygons, name)
 
 
 def read_ply_mesh(content: bytes, name: str) -> Arrays:
@@ -101,7 +101,7 @@ def _text_faces(rest: bytes, header: PlyHeader, at: int, name: str) -> Indices:
             raise corrupt(name, f"a face is cut short: {line[:60]!r}")
     if len(polygons) != count:
         raise corrupt(name, f"it ends after {len(polygons)} of {count} faces")
-    return _fans(polygons, name)
+    return fans(polygons, name)
 
 
 def _binary_faces(rest: bytes, header: PlyHeader, at: int, name: str) -> Indices:
@@ -127,11 +127,15 @@ def _binary_faces(rest: bytes, header: PlyHeader, at: int, name: str) -> Indices
         if size < 0 or place > len(rest):
             raise corrupt(name, f"it ends after {len(polygons)} of {count} faces")
         polygons.append(np.frombuffer(rest, corner, size, start).astype(int).tolist())
-    return _fans(polygons, name)
+    return fans(polygons, name)
 
 
-def _fans(polygons: Iterable[list[int]], name: str) -> Indices:
-    """(T, 3) triangles of polygons."""
+def fans(polygons: Iterable[list[int]], name: str) -> Indices:
+    """(T, 3) triangles of polygons.
+
+    Raises:
+        InputError: FILE_CORRUPT for a polygon of fewer than three corners; MESH_INVALID for too many triangles.
+    """
     triangles = []
     for polygon in polygons:
         if len(polygon) < 3:

@@ -19,11 +19,13 @@ import numpy as np
 import poise
 from poise.errors import ErrorCode, InputError
 from poise.shape.mesh_formats import MESH_READERS, Arrays
+from poise.shape.stage_formats import STAGE_READERS
 
 _MAX_MEMORY = 3_000_000_000
 """Bytes of address space; a file of 100 MB as text needs about half."""
 _MAX_SECONDS = 60.0
 _MAX_LINE = 100_000
+_READERS = MESH_READERS | STAGE_READERS
 
 
 class MeshWorker:
@@ -108,7 +110,7 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
         request = json.loads(line)
         content = requests.read(int(request["size"]))
         try:
-            vertices, triangles = MESH_READERS[request["suffix"]](content, request["name"])
+            vertices, triangles = _READERS[request["suffix"]](content, request["name"])
         except InputError as error:
             answers.write(json.dumps({"code": int(error.code), "message": error.message}).encode() + b"\n")
         else:

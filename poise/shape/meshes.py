@@ -14,7 +14,7 @@ from poise.shape.mesh_worker import MeshWorker
 from poise.types import Array, Indices
 
 _MAX_BYTES = 100_000_000
-MESH_FORMATS = (".stl", ".obj", ".ply")
+MESH_FORMATS = (".stl", ".obj", ".ply", ".glb", ".usd", ".usda", ".usdc", ".usdz")
 _worker = MeshWorker()
 
 
@@ -39,7 +39,7 @@ class CheckedMesh:
 
 
 def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> CheckedMesh:
-    """Read an STL, OBJ or PLY file.
+    """Read an STL, OBJ, PLY, GLB or USD file.
 
     Args:
         source: a path or package://NAME/path. A relative path may not leave `folder`.
@@ -71,7 +71,7 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
 
     Args:
         content: of a file.
-        suffix: the file's ending, `.stl`, `.obj` or `.ply`.
+        suffix: the file's ending, one of `MESH_FORMATS`.
 
     Raises:
         InputError: UNSUPPORTED for other formats, FILE_CORRUPT, and what `check_mesh` raises.

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from poise.notebooks import html_table
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
@@ -74,6 +75,15 @@ class Segmentation:
 
     def __repr__(self) -> str:
         return f"Segmentation({self.n_parts} parts, {1e6 * self.volumes.sum():.4g} cm3, {len(self.labels)} points)"
+
+    def _repr_html_(self) -> str:
+        """Volume and centroid of each part, for notebooks."""
+        rows = [
+            (part, f"{1e6 * volume:.4g}", ", ".join(f"{1e3 * value:.1f}" for value in centroid))
+            for part, (volume, centroid) in enumerate(zip(self.volumes, self.centroids, strict=True))
+        ]
+        caption = f"{self.n_parts} parts, {1e6 * self.volumes.sum():.4g} cm³"
+        return html_table(caption, ("part", "cm³", "centroid, mm"), rows, self.notes)
 
     @cached_property
     def n_parts(self) -> int:

@@ -4,6 +4,7 @@
 - `world`: robot, payload and gravity -> joint efforts and the wrench on the sensor.
 - `noise`: published noise of sensors.
 - `recorded`: the simulated measurements in the form of a recording.
+- `models`: simulators' own models in; `rollout`: free runs of them. Each has a face of its own.
 """
 
 from poise.simulation.ideal_robot import IdealRobot, Truth

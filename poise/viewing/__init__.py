@@ -1,7 +1,7 @@
 """Reports, pictures and Rerun recordings of results. No node uses it; drawing libraries load on first use.
 
-- `report`, `mismatch_report`, `loop_report`: self-contained HTML pages. `page` is their skeleton, `inline_svg` puts
-  figures into it.
+- `report`, `mismatch_report`, `loop_report`, `evaluation_report`: self-contained HTML pages. `page` is their skeleton,
+  `inline_svg` puts figures into it.
 - `rerun_scene`, `mismatch_scene`, `assembly_recording`: recordings for the Rerun viewer (needs rerun-sdk, an extra).
 - `figures`, `*_figures`: the panels of reports and pictures. `canvas`: what all panels share, and picture files.
 - `summary`, `wording`: a result as numbers and sentences; how numbers and external names are written.
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from poise.viewing.assembly_recording import write_assembly_recording
     from poise.viewing.canvas import write_picture
     from poise.viewing.carrying_figures import transfer_panel
+    from poise.viewing.evaluation_report import write_evaluation_report
     from poise.viewing.excitation_figures import excitation_panels
     from poise.viewing.loop_report import LOOP_COLUMNS, loop_rows, loop_sentences, write_loop_report
     from poise.viewing.mismatch_report import write_mismatch_report
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from poise.viewing.parts_picture import draw_parts
     from poise.viewing.report import write_identification_report
     from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing.rollout_report import rollout_rows, write_rollout_report
     from poise.viewing.summary import parameter_rows
 
 __all__ = [
@@ -38,15 +40,18 @@ __all__ = [
     "mechanism_panel",
     "parameter_rows",
     "readable",
+    "rollout_rows",
     "rounded",
     "transfer_panel",
     "write_assembly_recording",
+    "write_evaluation_report",
     "write_identification_recording",
     "write_identification_report",
     "write_loop_report",
     "write_mismatch_report",
     "write_mismatch_scene",
     "write_picture",
+    "write_rollout_report",
 ]
 
 _FILES = {
@@ -56,14 +61,17 @@ _FILES = {
     "loop_rows": "loop_report",
     "loop_sentences": "loop_report",
     "parameter_rows": "summary",
+    "rollout_rows": "rollout_report",
     "transfer_panel": "carrying_figures",
     "write_assembly_recording": "assembly_recording",
+    "write_evaluation_report": "evaluation_report",
     "write_identification_recording": "rerun_scene",
     "write_identification_report": "report",
     "write_loop_report": "loop_report",
     "write_mismatch_report": "mismatch_report",
     "write_mismatch_scene": "mismatch_scene",
     "write_picture": "canvas",
+    "write_rollout_report": "rollout_report",
 }
 
 

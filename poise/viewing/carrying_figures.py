@@ -1,16 +1,21 @@
 """The figure of a transfer: the arm where it takes the object, on the way, and where it lets go."""
 
+from itertools import pairwise
+
 import coal
 import numpy as np
 from matplotlib.figure import FigureBase
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
+from poise.geometry import Pose, rotation_between
 from poise.manipulation import Reach, Transfer, TransferPhase, pose_of
 from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel
 
 _SIZE = (860, 330)
+_BONE, _SHORTEST = 0.037, 0.02
+"""m: radius of the rods between joints, and distance of joints from which there is one."""
 ROBOT, HELD = "#d3d7dd", "#e3b23c"
 
 
@@ -46,9 +51,22 @@ def _scene(reach: Reach, transfer: Transfer, q: Array, phase: TransferPhase) -> 
         for number, (shape, place) in enumerate(shapes)
         if shape is not None
     ]
+    robot += _bones(reach.arm.joint_origins(q))
     held = reach.arm.tool(q) * transfer.grasp.object_tcp.inverse()
     item = RigidObject(f"{reach.item.id} held", reach.item.shape, pose_of(held), mass=1.0)
     return Assembly((*robot, *reach.around, item))
+
+
+def _bones(origins: Array) -> list[RigidObject]:
+    """Rods from joint to joint: collision shapes leave gaps, which would look like parts that float."""
+    bones = []
+    for number, (start, end) in enumerate(pairwise(origins)):
+        if (length := float(np.linalg.norm(end - start))) > _SHORTEST:
+            turn = rotation_between(np.array([0.0, 0.0, 1.0]), (end - start) / length)
+            bones.append(
+                RigidObject(f"bone {number}", Cylinder(_BONE, length), Pose(turn, (start + end) / 2), mass=1.0)
+            )
+    return bones
 
 
 def _shape_of(shape: coal.CollisionGeometry) -> Box | Cylinder | None:

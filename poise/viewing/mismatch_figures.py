@@ -15,6 +15,8 @@ _WIDE = 1110
 _WHOLE = 0.9
 """Share of a recording from which a window is not shaded, as it covers nearly all."""
 _TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
+_LETTER = 6.0
+"""Points that a letter of a name takes, about."""
 
 
 def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
@@ -77,17 +79,22 @@ def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], .
     across = axes.get_xaxis_transform()
     points = axes.bbox.height * 72.0 / axes.figure.dpi
     for row, (name, windows) in enumerate(bars):
-        height = 1.0 + (34 + 18 * row) / points
+        height, free = 1.0 + (34 + 18 * row) / points, -np.inf
+        span = float(left.seconds[-1] - left.seconds[0])
+        room = len(name) * _LETTER / (axes.bbox.width * 72.0 / axes.figure.dpi) * span
         for start, end in windows:
             begin, last = max(start, float(left.seconds[0])), min(end, float(left.seconds[-1]))
             axes.plot(
                 [begin, last], [height, height], color=PALETTE["accent"], linewidth=4, transform=across,
                 clip_on=False, solid_capstyle="butt",
             )  # fmt: skip
-            early = begin < left.seconds[0] + 0.8 * (left.seconds[-1] - left.seconds[0])
-            place, side, shift = (begin, "left", 0) if early else (last, "right", 0)
+            early = begin < left.seconds[0] + 0.8 * span
+            place, side = (begin, "left") if early else (last, "right")
+            if (first := place if early else place - room) < free:
+                continue  # the bar before it has the same name, which would be printed over
+            free = first + room
             axes.annotate(
-                name, (place, height), xycoords=across, xytext=(shift, 4), textcoords="offset points", ha=side,
+                name, (place, height), xycoords=across, xytext=(0, 4), textcoords="offset points", ha=side,
                 fontsize=10.5, color=PALETTE["ink"], annotation_clip=False,
             )  # fmt: skip
 

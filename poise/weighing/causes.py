@@ -58,6 +58,7 @@ class Cause:
         certain: no other cause explains the samples nearly as well, and it explains most of the recording.
         repair: how to make the wrench right; None: that is not possible.
         explanation: the fit.
+        phi: (10,) of its payload, at the end of the recording.
         partial: it leaves out a part of the recording, and so explains any residual there.
         open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
         shown: its gain is more than that of chance.
@@ -72,6 +73,7 @@ class Cause:
     certain: bool
     repair: Repair | None
     explanation: Explanation
+    phi: Array
     partial: bool = False
     open_pull: float = 0.0
     shown: bool = True
@@ -194,7 +196,8 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     repair = None if reading.repair is None else reading.repair(best)
     partial = reading.excluded is not None and reading.reduced is None
     certain, evidence = share >= _IMPROVED, evidence | {"gain": gain}
-    return Cause(reading.code, sentence, evidence, gain, fixed, certain, repair, best, partial, pull, shown)
+    phi = reading.last(best)
+    return Cause(reading.code, sentence, evidence, gain, fixed, certain, repair, best, phi, partial, pull, shown)
 
 
 def _evidence(

@@ -42,6 +42,11 @@ def no_pull(found: Explanation) -> float:
     return 0.0
 
 
+def same_payload(found: Explanation) -> Array:
+    """(10,) phi at the end of the recording, where the payload does not change."""
+    return found.phi
+
+
 def shows_payload(found: Explanation) -> bool:
     """Its mass is above zero by more than chance."""
     return bool(found.phi[0] > max(_SURELY * found.mass_std, _LIGHTEST))
@@ -69,6 +74,7 @@ class Reading:
         holds: whether a fit is what the reading says; by default, that it shows a payload.
         repair: of a fit; None: the wrench cannot be repaired.
         open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
+        last: phi (10,) at the end of the recording.
     """
 
     code: ErrorCode
@@ -84,6 +90,7 @@ class Reading:
     holds: Callable[[Explanation], bool] = shows_payload
     repair: Callable[[Explanation], Repair] | None = None
     open_pull: Callable[[Explanation], float] = no_pull
+    last: Callable[[Explanation], Array] = same_payload
 
 
 Family = Callable[[FitSamples, Explanation], list[Reading]]

@@ -30,6 +30,7 @@ def varied(samples: FitSamples, plain: Explanation) -> list[Reading]:
             _stepped(times, slice(0, count)),
             _change_sentence(times),
             holds=_one_or_more(len(times)),
+            last=_last_payload(len(times)),
         )
         for times in _steps(samples, slice(0, 4), _MOST_STEPS)
         for count in (4, 10)
@@ -121,6 +122,15 @@ def _masses(found: Explanation, count: int) -> Array:
 def _one_or_more(count: int) -> Callable[[Explanation], bool]:
     """All masses are possible, and one of them is that of an object."""
     return lambda found: bool(_masses(found, count).max() > _LEAST_MASS and _masses(found, count).min() > -_LEAST_MASS)
+
+
+def _last_payload(count: int) -> Callable[[Explanation], Array]:
+    def last(found: Explanation) -> Array:
+        phi, steps = found.phi.copy(), found.unknowns[16:].reshape(count, -1)
+        phi[: steps.shape[1]] += steps.sum(axis=0)
+        return phi
+
+    return last
 
 
 def _change_sentence(times: tuple[float, ...]) -> Says:

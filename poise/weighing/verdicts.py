@@ -14,7 +14,7 @@ from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.types import Array, Mask, Stamps
 from poise.weighing.causes import Cause, chances, inertial_mass, possible_causes
-from poise.weighing.fitting import Explanation, impossible_payload
+from poise.weighing.fitting import impossible_payload
 from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
 
@@ -77,7 +77,7 @@ def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
     found, mass = cause.explanation, float(estimate.phi[0])
     if cause.gain < (_FIXED_CLEARLY if cause.fixed else _CLEARLY) or cause.partial:
         return False
-    step = np.abs(found.phi[:4] - np.nan_to_num(estimate.phi[:4]))
+    step = np.abs(cause.phi[:4] - np.nan_to_num(estimate.phi[:4]))
     step[0] = max(step[0], cause.open_pull / STANDARD_GRAVITY)
     spread = np.sqrt(np.diag(found.covariance)[:4] + np.nan_to_num(np.diag(estimate.covariance)[:4]))
     least = _LEAST_SHARE * abs(mass) * np.array([1.0, _LEVER, _LEVER, _LEVER])
@@ -124,7 +124,7 @@ def _left_open(estimate: InertialEstimate, causes: Sequence[tuple[Cause, float]]
     reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
     open_part, pull = np.outer(by_gravity, by_gravity), np.zeros(10)
     for cause, chance in causes:
-        step = cause.explanation.phi - phi
+        step = cause.phi - phi
         variance = np.diag(cause.explanation.covariance)[:10] + np.nan_to_num(np.diag(estimate.covariance))
         seen = np.clip(1.0 - variance / np.maximum(step**2, 1e-30), 0.0, 1.0)
         step = np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0)
@@ -152,12 +152,12 @@ def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
     """The numbers mean nothing, or contradict the likeliest cause or a second error by more than their uncertainty."""
     if estimate.fit.is_hopeless or _impossible(estimate) or _is_unseen(estimate):
         return True
-    return any(_contradicts(estimate, cause.explanation) for cause in causes if cause is causes[0] or cause.besides)
+    return any(_contradicts(estimate, cause) for cause in causes if cause is causes[0] or cause.besides)
 
 
-def _contradicts(estimate: InertialEstimate, found: Explanation) -> bool:
-    spread = np.hypot(estimate.mass_std, found.mass_std)
-    return bool(abs(found.phi[0] - estimate.phi[0]) > _SIGMAS * spread)
+def _contradicts(estimate: InertialEstimate, cause: Cause) -> bool:
+    spread = np.hypot(estimate.mass_std, cause.explanation.mass_std)
+    return bool(abs(cause.phi[0] - estimate.phi[0]) > _SIGMAS * spread)
 
 
 def _impossible(estimate: InertialEstimate) -> str:

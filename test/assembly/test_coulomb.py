@@ -106,6 +106,7 @@ def test_rounds_of_friction_bounds_end_with_the_deadline(monkeypatch):
     coulomb, clock, late = block.solvers.coulomb, Ticking(), []
     stuck = ElasticState(False, 1.0, np.zeros(6 * block.geometry.count), settled=False)
     monkeypatch.setattr(coulomb, "_newton", lambda *_: stuck)
+    monkeypatch.setattr(coulomb.contacts, "compiled", None)
     jacobian = coulomb.contacts.jacobian
     monkeypatch.setattr(
         coulomb.contacts, "jacobian", lambda *given: (late.append(clock.left[0] < 0), jacobian(*given))[1]

@@ -1,11 +1,16 @@
 """Taking assemblies apart: in an order in which nothing else moves, found by solving what is left."""
 
+from pathlib import Path
+
 import assembly_scenes as scenes
+import numpy as np
 import pytest
 from assembly_scenes import box, fixed_box, on_floor
 
-from poise.assembly import Analysis, Assembly, Push, assess, plan_disassembly
+from poise.assembly import Analysis, Assembly, Mesh, Push, RigidObject, assess, load_scene, plan_disassembly
 from poise.errors import ErrorCode, InputError, NoAnswerError
+
+SCENES = Path(__file__).parents[2] / "docs" / "scenes"
 
 
 def stands(assembly, taken):
@@ -91,3 +96,73 @@ def test_unknown_targets_and_falling_assemblies_are_refused():
     assert caught.value.code is ErrorCode.OBJECT_UNKNOWN
     with pytest.raises(NoAnswerError):
         plan_disassembly(scenes.between_walls(with_floor=False))
+
+
+def test_a_target_leaves_what_stands_without_it():
+    """A parcel bridges a crate and a block: for the crate, what is on top of it has to go, the block need not."""
+    tray = load_scene(SCENES / "tray.yaml")
+    found = plan_disassembly(tray, "crate")
+    assert found.order == ("can", "parcel", "crate")
+    assert all(found.safe)
+
+
+def caged(*sides: str) -> Assembly:
+    """A box of 1 m that some of these fixed plates enclose: x, -x, y, -y, z."""
+    places = {"x": (0.55, 0, 0.5), "-x": (-0.55, 0, 0.5), "y": (0, 0.55, 0.5), "-y": (0, -0.55, 0.5), "z": (0, 0, 1.05)}
+    plates = [
+        fixed_box(side, tuple(0.1 if side.lstrip("-") == axis else 1.3 for axis in "xyz"), places[side])
+        for side in sides
+    ]
+    return on_floor(*plates, box("inside", (0.999, 0.999, 0.999), (0, 0, 0.4995)))
+
+
+@pytest.mark.parametrize(
+    ("sides", "way"), [(("x", "-x", "y", "-y"), (0, 0, 1)), (("x", "-x", "y", "z"), (0, -1, 0)), ((), (0, 0, 1))]
+)
+def test_an_object_leaves_by_the_side_that_is_open(sides, way):
+    found = plan_disassembly(caged(*sides))
+    assert found.safe == (True,)
+    assert np.asarray(found.ways[0]) == pytest.approx(np.array(way), abs=1e-9)
+
+
+def test_an_object_caged_under_a_fixed_lid_is_not_safe_to_take():
+    for target in (None, "inside"):
+        found = plan_disassembly(caged("x", "-x", "y", "-y", "z"), target)
+        assert found.order == ("inside",)
+        assert found.safe == (False,)
+        assert found.ways == (None,)
+        assert found.complete
+
+
+def test_what_is_in_the_way_goes_first():
+    """A book in a niche behind another one: the other stands without it, but has to go first."""
+    niche = caged("x", "-x", "y", "z").with_object(fixed_box("floor2", (3, 3, 0.1), (0, -2.9, -0.05)))
+    crowd = niche.with_object(box("front", (0.999, 0.5, 0.999), (0, -0.751, 0.4995)))
+    found = plan_disassembly(crowd, "inside")
+    assert found.order == ("front", "inside")
+    assert all(found.safe)
+
+
+def test_a_tube_comes_out_of_a_tube_upwards():
+    """Their convex hulls overlap all the way."""
+    outer, inner = tube("outer", 0.04, 0.05, 0.1, 0.0), tube("inner", 0.02, 0.0385, 0.1, 0.0)
+    found = plan_disassembly(on_floor(outer, inner), "inner")
+    assert found.safe == (True,)
+    assert np.asarray(found.ways[0]) == pytest.approx(np.array([0, 0, 1]), abs=1e-9)
+
+
+def tube(name: str, inner: float, outer: float, length: float, base: float) -> RigidObject:
+    """A tube around z of 24 sides that stands on a height."""
+    turn = 2 * np.pi * np.arange(24) / 24
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    rows = [
+        np.column_stack([r * ring, np.full(24, z)])
+        for r, z in ((outer, 0), (outer, length), (inner, length), (inner, 0))
+    ]
+    k = np.arange(24)
+    faces = []
+    for low in range(4):
+        a, b = 24 * low + k, 24 * low + (k + 1) % 24
+        c, d = 24 * ((low + 1) % 4) + k, 24 * ((low + 1) % 4) + (k + 1) % 24
+        faces += [np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)]
+    return RigidObject(name, Mesh(np.concatenate(rows), np.concatenate(faces)), scenes.pose((0, 0, base)), mass=0.2)

@@ -44,6 +44,10 @@ class _Questions(Deadline):
         self.left[0] -= 1
         return self.left[0] < 0
 
+    @property
+    def remaining(self):
+        return 0.0 if self.passed else None
+
 
 ALONG = np.array([[1.0, 0, 0], [-1, 0, 0]])
 
@@ -104,14 +108,15 @@ def test_limits_and_maps_of_random_scenes_are_below_single_pushes(kind):
     assert all(tally.held)
 
 
-def test_a_push_that_is_followed_stands_where_a_single_one_does_not_find_the_state():
+def test_a_single_push_finds_the_states_that_small_steps_find():
+    """Here friction allows several states: looked for at given loads, the block seemed to fall 9 % earlier."""
     rng = np.random.default_rng([1, 174])
     analysis = Analysis.of(random_scene("row", rng))
     point, direction, place = np.array([-0.0360411, -0.0425265, 0.0380848]), np.array([0.0, 1.0, 0.0]), 2
     single = float(single_pushes(analysis, point[None], direction[None], np.array([place]))[0])
-    assert followed(analysis, point, direction, place, single) == pytest.approx(single)
-    assert followed(analysis, point, direction, place, 1.09 * single) == pytest.approx(1.09 * single)
-    assert followed(analysis, point, direction, place, 1.4 * single) < 1.2 * single
+    assert single == pytest.approx(14.95, rel=0.01)
+    assert followed(analysis, point, direction, place, 0.99 * single) == pytest.approx(0.99 * single)
+    assert followed(analysis, point, direction, place, 1.4 * single) == pytest.approx(single, rel=0.01)
 
 
 def test_mujoco_moves_above_the_limit_and_holds_below():
@@ -163,7 +168,7 @@ def test_the_probability_of_motion_does_not_count_on_neighbours(shift):
 
 def test_samples_that_are_not_checked_in_time_do_not_count_as_standing():
     """Limit analysis holds all of these, elastic contacts none."""
-    scene, clock = row(0.003), _Questions(NO_DEADLINE.at, [40])
+    scene, clock = row(0.003), _Questions(NO_DEADLINE.at, [10])
     brick = replace(scene.objects[1], covariance=np.diag([1e-4, *[0.0] * 9]))
     analysis = Analysis.of(scene.with_object(brick))
     movers, _ = _moves(analysis, OUTWARD, 1.5 * G * 0.003 / 0.1, np.random.default_rng(0), 50, clock)

@@ -36,11 +36,16 @@ def test_model_yaml_may_name_a_robot_that_comes_with_poise() -> None:
         (["--export", "mjcf:{tmp}/old.xml", "--into", "{tmp}/old.xml"], "would overwrite --into"),
         (["--export", "mjcf:{tmp}/new.xml", "--into", "{tmp}/none.xml"], "no such file"),
         (["--into", "{tmp}/old.xml"], "has no --export"),
+        (["--export", "mjcf:{tmp}/locked.xml", "--into", "{tmp}/old.xml"], "the file is read-only"),
         (["--export", "usd:{tmp}/a.usd"], "use one of json, mjcf, sdf, urdf"),
     ],
 )
 def test_bad_requests_are_refused_before_anything_is_computed(tmp_path, capsys, words: list[str], said: str) -> None:
     (tmp_path / "old.xml").write_text("<mujoco/>")
+    (tmp_path / "locked.xml").write_text("<mujoco/>")
+    (tmp_path / "locked.xml").chmod(0o444)
     assert run(["mismatch", str(BAG), *(word.format(tmp=tmp_path) for word in words)]) == 2
     assert said in " ".join(capsys.readouterr().err.split())
-    assert [path.name for path in tmp_path.iterdir()] == ["old.xml"]
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(
+        ("old.xml", "locked.xml"), "<mujoco/>"
+    )

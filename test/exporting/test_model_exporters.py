@@ -57,7 +57,7 @@ CHANGES = ModelChanges(
 
 
 def written(kind: str, changes: ModelChanges = CHANGES) -> bytes:
-    return model_exporter_of(kind).changed(changes, SOURCES[kind])
+    return model_exporter_of(kind).changed(changes, SOURCES[kind]).content
 
 
 def test_mujoco_reads_what_was_written() -> None:

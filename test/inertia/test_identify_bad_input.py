@@ -60,6 +60,14 @@ def test_a_wrong_name_is_refused_with_those_there_are(arguments, text, capsys) -
     assert text in refusal(capsys, "identify", str(STATIC), *arguments)
 
 
+def test_streams_of_clocks_an_hour_apart_are_refused_with_the_time_between_them(tmp_path, capsys) -> None:
+    recording = open_recording(STATIC)
+    wrench, path = recording.wrench(), tmp_path / "apart.mcap"
+    rewrite_recording(recording, path, {"wrench": replace(wrench, stamps=wrench.stamps + 3600 * 10**9)})
+    assert run(["identify", str(path)]) == 3
+    assert "wrench and motion do not overlap, 3." in capsys.readouterr().err
+
+
 def test_a_folder_of_unrelated_recordings_is_not_weighed_as_one(capsys) -> None:
     error = refusal(capsys, "identify", str(BAGS))
     assert "holds 5 recordings (hammer_sweep.mcap, " in error

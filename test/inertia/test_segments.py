@@ -76,6 +76,17 @@ def spilling(seconds: tuple[float, float], share: float) -> Work:
     return replace(measured, wrench=replace(wrench, wrench_in_sensor=wrench.wrench_in_sensor * left[:, None] + noise))
 
 
+def test_a_hand_that_lifts_the_load_for_a_while_is_no_payload():
+    measured = work(np.random.default_rng([5, 7]), 14.0, every=0, wrench_rate=250.0)
+    seconds = (measured.wrench.stamps - START) * 1e-9
+    lift = np.where((seconds > 4.0) & (seconds < 9.0), -1.4, 0.0)[:, None] * measured.wrench.wrench_in_sensor
+    noise = np.random.default_rng(6).normal(size=lift.shape) * np.repeat([0.05, 0.002], 3)
+    touched = measured.wrench.wrench_in_sensor + lift + noise
+    answer = weighed(replace(measured, wrench=replace(measured.wrench, wrench_in_sensor=touched)))
+    assert len(answer.segments) == 1
+    assert abs(answer.estimate.parameters.mass - measured.payloads[0, 0]) < 3 * answer.estimate.mass_std
+
+
 def test_a_spill_that_takes_a_second_and_a_half_is_one_change_and_its_samples_are_left_out():
     measured = spilling((5.0, 6.5), 0.3)
     answer = weighed(measured)

@@ -70,6 +70,48 @@ def test_a_correct_model_passes_and_its_uncertainty_stays() -> None:
     assert sum(widening(*answer) > 1.3 for answer in answers) <= 1
 
 
+def in_sigmas(found: FitVerdict | Fit, fit: Fit) -> Array:
+    """(4,) errors of mass and first moment."""
+    assert found.covariance is not None
+    return np.asarray((fit.phi - BODY.phi)[:4] / np.sqrt(np.diag(found.covariance)[:4]))
+
+
+@pytest.mark.parametrize("size", [0.003, 0.02])
+def test_a_sensor_that_is_not_quite_calibrated_makes_the_answer_as_uncertain_as_it_is_wrong(size: float) -> None:
+    """No payload follows gains and cross-talk, they do not average out, and no residual shows a common gain."""
+    moved, claimed, judged = motion(), [], []
+    for seed in range(12):
+        load = wrenches(moved, seed)
+        error = size * np.kron(np.eye(2), np.ones((3, 3))) * np.random.default_rng(seed + 100).normal(size=(6, 6))
+        found, fit = verdict(load @ (np.eye(6) + error).T, moved)
+        claimed.append(in_sigmas(fit, fit))
+        judged.append(in_sigmas(found, fit))
+        assert found.passed
+    assert np.abs(claimed).max() > 6
+    assert np.abs(judged).max() < 3.5
+    assert 0.2 < np.mean(np.square(judged)) < 1.5
+
+
+def test_a_channel_that_shows_another_one_is_named_with_its_share() -> None:
+    moved, error = motion(), np.eye(6)
+    error[0, 2] = 0.15
+    found, fit = verdict(wrenches(moved, 3) @ error.T, moved)
+    (test,) = [test for test in found.failed if test.name == "calibration"]
+    assert "force x shows 1" in test.sentence
+    assert "of force z (cross-talk)" in test.sentence
+    assert np.abs(in_sigmas(found, fit)).max() < 3
+
+
+def test_what_one_attitude_does_not_show_is_not_left_unexplained() -> None:
+    """Weight and bias add up to one wrench there: neither of them is known, and both together are."""
+    bins, wrench = SampleBins(GRAVITY), wrenches(motion(), 4)
+    still = SensorMotion.at_rest(motion().stamps, np.tile(motion().rotation_world_sensor[50], (len(wrench), 1, 1)))
+    bins.add(still, wrench[50] + NOISE.wrench * np.random.default_rng(1).normal(size=wrench.shape))
+    nothing = np.full((10, 10), np.nan)
+    found = judge(Fit(np.full(10, np.nan), np.full(6, np.nan), nothing, np.nan, 0.0, NOISE), bins.samples)
+    assert {test.name for test in found.failed}.isdisjoint({"residual_force", "residual_torque"})
+
+
 def drifting(wrench: Array) -> Array:
     return np.asarray(wrench + np.outer(np.linspace(0, 2.0, len(wrench)), [1, 0, 0, 0, 0, 0]))
 

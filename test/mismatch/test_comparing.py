@@ -58,7 +58,7 @@ def test_a_pause_is_found_and_does_not_count_as_alike() -> None:
 def test_other_joints_are_named() -> None:
     seconds = np.arange(1000) * 0.01
     one = along(motion(), seconds, seconds)
-    with pytest.raises(InputError, match="lacks fr3_joint1") as caught:
+    with pytest.raises(InputError, match="second alone has fr3_joint1, the first alone a") as caught:
         align(one, along(motion(), seconds, seconds, ("a", *FR3.joint_names[1:])))
     assert caught.value.code == ErrorCode.BAD_INPUT
 
@@ -75,9 +75,6 @@ def test_a_change_of_the_wrench_is_found_in_the_recording_that_has_it() -> None:
         compare(silent, b, before.model)
     with pytest.raises(InputError, match="same readings"):
         compare(a, a, before.model)
-    with pytest.raises(NoAnswerError) as caught:  # another motion
-        compare(a, cases.make_case(3).recorded(), before.model)
-    assert caught.value.code == ErrorCode.NOT_IDENTIFIABLE
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from poise.mismatch.answer.belief import EffectBelief, beliefs, rival_odds
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import EffectProof, FittedEffect, HypothesisFit, ProvenModel
+from poise.mismatch.inference import EffectProof, FittedEffect, HypothesisFit, ProvenModel, Variation
 
 
 def beliefs_of(names: tuple[str, ...], excess: float, beside: str = "") -> tuple[EffectBelief, ...]:
@@ -15,7 +15,9 @@ def beliefs_of(names: tuple[str, ...], excess: float, beside: str = "") -> tuple
     parts = tuple(FittedEffect(effect, {}) for effect in map(effect_named, names) if effect is not None)
     proof = EffectProof(6, 6, 1.2, 1.0, 4500.0, 0.3, 0.0, 40.0, 4700.0, excess, 0.0)
     fit = cast(HypothesisFit, SimpleNamespace(parts=parts))
-    return beliefs(ProvenModel(fit, (proof,) * len(parts), (), {}), [{} for _ in parts], 0.04, beside)
+    model = ProvenModel(fit, (proof,) * len(parts), (), {})
+    steady = [Variation("time", 0.0)] * len(parts)
+    return beliefs(model, [{} for _ in parts], steady, 0.04, [beside] * len(parts))
 
 
 @pytest.mark.parametrize(("name", "shares"), [("contact", True), ("sensor_bias", False)])

@@ -109,6 +109,10 @@ def test_a_silent_topic_is_explained_by_its_type_or_by_other_topics_of_this_type
     graph.node.create_publisher(WrenchStamped, "ft/wrench", 10)
     graph.wait_for(lambda: topic_hint(graph.node, "wrench", kind), what="the other topic")
     assert topic_hint(graph.node, "wrench", kind) == f"; {kind} is on /ft/wrench: remap wrench to it"
+    silent = graph.node.create_publisher(WrenchStamped, "wrench", 10)
+    graph.wait_for(lambda: "nothing arrives" in topic_hint(graph.node, "wrench", kind), what="the silent publisher")
+    graph.node.destroy_publisher(silent)
+    graph.wait_for(lambda: "nothing arrives" not in topic_hint(graph.node, "wrench", kind), what="its end")
     other = Context()  # one participant of DDS has one type for a name
     rclpy.init(context=other, domain_id=graph.domain)
     driver = Node("driver", context=other)

@@ -12,10 +12,10 @@ from scipy.spatial import ConvexHull
 from benchmarks.placement import run as benchmark
 from benchmarks.placement import scenes
 from poise.assembly import Analysis, Assembly, load_scene
-from poise.baselines.placement.pieces import convex_pieces
 from poise.baselines.planners.hm import raster
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_about
+from poise.worlds import convex_pieces
 
 FLOOR = scenes.scene("cube").objects[0]
 

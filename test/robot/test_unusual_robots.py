@@ -7,7 +7,7 @@ from urdf_parts import joint, link, robot
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import JointStream, PoseStream
-from poise.robot import BaseMotion, JointSource, RobotModel, motion_from_joints, robot_of, sensor_motion
+from poise.robot import BaseMotion, JointSource, RobotModel, base_motion_at, motion_from_joints, robot_of, sensor_motion
 
 SECONDS = np.arange(0.0, 4.0, 0.01)
 STAMPS = np.round(SECONDS * 1e9).astype(np.int64)
@@ -143,3 +143,28 @@ def test_a_driving_base_moves_the_sensor_and_a_resting_one_does_not():
         assert np.sqrt(np.mean(ratio**2)) < 2.0
         if not driving:
             assert np.sqrt(np.mean(error[inner] ** 2)) < 2e-3
+
+
+def test_the_twist_of_an_odometry_sharpens_the_acceleration_of_a_base_and_a_wrong_one_is_ignored():
+    rng = np.random.default_rng(3)
+    seconds = np.arange(0.0, 12.0, 0.02)
+    rate = 2 * np.pi * 0.3
+    place = np.stack([0.4 * np.sin(rate * seconds), 0.2 * np.cos(rate * seconds), 0 * seconds], axis=1)
+    speed = np.stack([np.cos(rate * seconds), -0.5 * np.sin(rate * seconds), 0 * seconds], axis=1) * 0.4 * rate
+    yaw = 0.5 * np.sin(rate * seconds)
+    turn = Rotation.from_euler("z", yaw[:, None]).as_matrix()
+    twist = np.zeros((len(seconds), 6))
+    twist[:, :3] = np.einsum("nji,nj->ni", turn, speed)
+    twist[:, 5] = 0.5 * rate * np.cos(rate * seconds)
+    noisy = place + 1e-3 * rng.normal(size=place.shape) * [1, 1, 0]
+    rates = twist + 5e-3 * rng.normal(size=twist.shape) * [1, 1, 0, 0, 0, 1]
+    stamps = np.round(seconds * 1e9).astype(np.int64)
+    wanted = np.arange(1.0, 11.0, 0.01)
+    errors = []
+    for given in (None, rates, 3.0 * rates):
+        found = base_motion_at(PoseStream(stamps, turn, noisy, "odom", "base", given), 0, wanted)
+        true = -(rate**2) * np.stack([0.4 * np.sin(rate * wanted), 0.2 * np.cos(rate * wanted), 0 * wanted], axis=1)
+        here = np.einsum("nij,nj->ni", found.motion.rotation_world_base, found.motion.linear_acceleration_in_base)
+        errors.append(float(np.sqrt(np.mean((here - true) ** 2))))
+    assert errors[1] < 0.8 * errors[0]
+    assert errors[2] == errors[0]

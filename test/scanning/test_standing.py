@@ -8,7 +8,6 @@ import pytest
 from scenes import BRICK, brick_views
 
 from poise.assembly import Analysis, Assembly, Box, Cylinder, Mesh, RigidObject
-from poise.baselines.placement.pieces import convex_pieces
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.manipulation import Hand
@@ -16,6 +15,7 @@ from poise.manipulation.grasps import antipodal_grasps
 from poise.scanning import scan, standing_mesh, united_surfaces
 from poise.scanning.faceted import faceted
 from poise.shape import part_surface, segment
+from poise.worlds import convex_pieces
 
 FLOOR = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose.from_vector([0, 0, -0.05, 0, 0, 0, 1]), fixed=True)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.mesh_worker import MeshWorker
@@ -44,9 +45,34 @@ def ply(encoding: str, faces: np.ndarray = CUBE) -> bytes:
     return head.encode() + body + b"".join(struct.pack(f"{order}BB{len(f)}i", 9, len(f), *f) for f in faces.tolist())
 
 
+def glb() -> bytes:
+    """Half as large, at a node that doubles it."""
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.Trimesh(CORNERS / 2, CUBE, process=False), transform=np.diag([2.0, 2, 2, 1]))
+    return bytes(scene.export(file_type="glb"))
+
+
+def usda(unit: float = 0.01) -> bytes:
+    """In cm, moved by its node, and with faces of four corners."""
+    points = ", ".join(f"({x / unit - 7}, {y / unit}, {z / unit})" for x, y, z in CORNERS)
+    return f"""#usda 1.0
+( metersPerUnit = {unit} )
+def Xform "cube" {{
+    double3 xformOp:translate = (7, 0, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Mesh "surface" {{
+        int[] faceVertexCounts = {[4] * 6}
+        int[] faceVertexIndices = {QUADS.ravel().tolist()}
+        point3f[] points = [{points}]
+    }}
+}}
+""".encode()
+
+
 FILES = {
     "binary.stl": binary_stl(), "text.stl": text_stl(), "quads.obj": obj(), "text.ply": ply("ascii", QUADS),
     "little.ply": ply("binary_little_endian"), "big.ply": ply("binary_big_endian", QUADS),
+    "scene.glb": glb(), "stage.usda": usda(),
 }  # fmt: skip
 
 
@@ -244,6 +270,13 @@ BAD: dict[str, tuple[str, bytes, ErrorCode]] = {
     "text ply cut": (".ply", TEXT[:-12], C),
     "text ply with a word": (".ply", TEXT.replace(b"0.0", b"zero", 1), C),
     "text ply with a face of two": (".ply", TEXT.replace(b"9 3 0 1 3", b"9 2 0 1", 1), C),
+    "empty glb": (".glb", b"", C),
+    "glb cut": (".glb", glb()[:-20], C),
+    "stl as glb": (".glb", binary_stl(), C),
+    "empty usd": (".usda", b"", C),
+    "usd cut": (".usda", usda()[:200], C),
+    "usd without a mesh": (".usda", b"#usda 1.0\n", M),
+    "usd with corners that are missing": (".usda", usda().replace(b"[4, 4", b"[4, 5", 1), C),
     "another format": (".dae", b"<COLLADA/>", U),
 }  # fmt: skip
 

@@ -52,6 +52,15 @@ def test_a_healthy_weighing_has_no_cause():
     assert named(READ) == ()
 
 
+def test_a_cause_with_several_payloads_is_compared_by_the_last_one():
+    cause = named(KINDS["grasped"][0])[0]
+    assert cause.phi[0] == pytest.approx(LOAD.mass, rel=0.01)
+    assert abs(cause.explanation.phi[0]) < 0.02  # before the grasp
+    released = named(np.where((SECONDS < 5)[:, None], CLEAN, 0.4 * CLEAN) + BIAS + NOISE)[0]
+    assert released.code is ErrorCode.PAYLOAD_CHANGED
+    assert released.phi[0] == pytest.approx(0.4 * LOAD.mass, rel=0.02)
+
+
 def test_a_second_error_is_named_besides_the_likeliest_cause():
     first, *_, last = named(late(0.15) * np.repeat([1, 1000], 3))
     assert [first.code, last.code] == [ErrorCode.CLOCK_LATE, ErrorCode.TORQUE_UNIT]

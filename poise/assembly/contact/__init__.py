@@ -3,6 +3,7 @@
 - `placed`, `penetration`: bodies at their poses, and how deep they overlap.
 - `contacts` (with `touching`, `round_contacts`): contact interfaces between bodies.
 - `graph`: the contact interface graph, cut into blocks. `surface`: points at which pushes are assessed.
+- `way_out`: straight lines along which an object can be taken away.
 """
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
@@ -16,6 +17,7 @@ from poise.assembly.contact.penetration import (
 )
 from poise.assembly.contact.placed import ContactPatch, bounds_of, placed, triangle_areas
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
+from poise.assembly.contact.way_out import WayOut, way_out
 
 __all__ = [
     "CONTACT_MARGIN",
@@ -25,6 +27,7 @@ __all__ = [
     "Interface",
     "Structure",
     "SurfacePoints",
+    "WayOut",
     "bounds_of",
     "convex_geometry",
     "distance_between",
@@ -34,5 +37,6 @@ __all__ = [
     "placed",
     "sample_surface",
     "triangle_areas",
+    "way_out",
     "winding_number",
 ]

@@ -1,7 +1,8 @@
 """Contact interfaces of an assembly: which objects touch, where, and with what friction."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -15,6 +16,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit
 from poise.types import Array
 
+_Kept = TypeVar("_Kept")
 CONTACT_MARGIN = 1.5e-3
 """Gaps and overlaps up to this, in m, count as touching: what a scan leaves between bodies that touch."""
 
@@ -33,6 +35,7 @@ class Interface:
         triangles: (T, 3, 3) the region touched; empty for lines and points.
         gap: m, negative where they overlap.
         friction: Coulomb coefficient.
+        kept: what has been computed about the region, by name; copies of the interface with other places share it.
     """
 
     first: int
@@ -42,11 +45,19 @@ class Interface:
     triangles: Array
     gap: float
     friction: float
+    kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
-    @cached_property
+    @property
     def area(self) -> float:
         """m2; 0 for lines and points."""
-        return float(triangle_areas(self.triangles).sum())
+        return self.once("area", lambda: float(triangle_areas(self.triangles).sum()))
+
+    def once(self, name: str, compute: Callable[[], _Kept]) -> _Kept:
+        """What has been computed about the region under a name; computed now if it has not."""
+        if name not in self.kept:
+            self.kept[name] = compute()
+        found: _Kept = self.kept[name]
+        return found
 
 
 def find_interfaces(

@@ -1,10 +1,11 @@
 """The contact interface graph: which bodies hold which, cut into blocks that can be solved one by one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
+from poise.assembly.contact.penetration import distance_between
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
 
@@ -84,7 +85,7 @@ class Structure:
             if not names & {first, second}:
                 friction = assembly.friction_between(first, second)
                 places = assembly.index[first], assembly.index[second]
-                kept.append(Interface(*places, old.normal, old.points, old.triangles, old.gap, friction))
+                kept.append(replace(old, first=places[0], second=places[1], friction=friction))
         return kept
 
     @cached_property
@@ -131,9 +132,17 @@ class Structure:
             raise InputError(
                 ErrorCode.FLOATING,
                 f"nothing holds {', '.join(names[:5])}: no contact within {self.margin * 1e3:g} mm leads to a fixed "
-                "body; check the poses",
+                f"body; {self._gap_below()}; check the poses, or give pose_std for poses of a camera",
                 objects=names,
             )
+
+    def _gap_below(self) -> str:
+        """How far the first object that floats is from the nearest one that does not."""
+        objects = self.assembly.objects
+        item = objects[self.floating[0]]
+        held = [other for place, other in enumerate(objects) if place not in set(self.floating)]
+        distance, nearest = min((distance_between(item, other), other.id) for other in held)
+        return f"{item.id} is {distance * 1e3:.3g} mm from {nearest}"
 
     @cached_property
     def blocks(self) -> tuple[ContactBlock, ...]:

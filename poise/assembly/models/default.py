@@ -4,8 +4,8 @@ from poise.assembly.robustness import (
     LimitLoads,
     RobustnessModel,
     ask_block,
+    ask_patches,
     ask_single_patch,
-    both_factors,
     check_elastic,
     coupled_questions,
     limit_factors,
@@ -16,12 +16,15 @@ from poise.assembly.statics import Analysis, Deadline, Loads
 def default(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """The weaker of `limit` and `patch`; where contact forces have a choice, `coulomb` checks every answer."""
     limit_loads = LimitLoads.start(loads.count)
+    asked = []
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
-        single = block.solvers.single_patch is not None
         ask_single_patch(limit_loads, block, questions, block_loads)
-        ask_block(limit_loads, block, questions, block_loads, deadline, limit_factors if single else both_factors)
-    check_elastic(limit_loads, analysis, loads, coupled_questions(analysis, loads), deadline)
+        limits = ask_block(limit_loads, block, questions, block_loads, deadline, limit_factors)
+        asked.append((block, questions, block_loads, limits))
+    elastic = check_elastic(limit_loads, analysis, loads, coupled_questions(analysis, loads), deadline)
+    for block, questions, block_loads, limits in asked:
+        ask_patches(limit_loads, block, questions, block_loads, deadline, limits, elastic)
     return limit_loads
 
 

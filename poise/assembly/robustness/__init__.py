@@ -12,6 +12,7 @@ from poise.assembly.robustness.assess import Assessment, Robustness, assess
 from poise.assembly.robustness.block_answers import (
     CHECKED_WEIGHTS,
     ask_block,
+    ask_patches,
     ask_single_patch,
     both_factors,
     check_elastic,
@@ -48,6 +49,7 @@ __all__ = [
     "UncertainAssessment",
     "acceleration_limits",
     "ask_block",
+    "ask_patches",
     "ask_single_patch",
     "assess",
     "assess_settled",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from poise.assembly.robustness.block_answers import patch_factor
 from poise.assembly.robustness.gravity_cone import GravityCone
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
@@ -17,12 +18,8 @@ from poise.types import Array, Mask
 
 _FASTEST = 1000.0
 """Accelerations above this are not computed, m/s2."""
-# Bounds on the limits of blocks of several interfaces are brought this close.
-_TOLERANCE = 0.003
-# Directions all around, besides those asked for, from which the polytope is made, and the tolerance for these.
-_AROUND, _TOLERANCE_AROUND = 90, 0.05
-# Directions in which the limit of elastic contacts is searched for; in the others a lower bound is confirmed.
-_SEARCHED = 24
+# Directions all around, besides those asked for, from which the polytope is made.
+_AROUND = 90
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +83,7 @@ def acceleration_limits(
     """How fast the base of an assembly may accelerate.
 
     An accelerating base is a resting one under another gravity. Sustained effective gravities form a convex cone:
-    in closed form for every body on one interface; for blocks with cycles solved where bounds (collapse mechanisms
-    from above, convexity from below) are still apart.
+    in closed form for every body on one interface; blocks with cycles are followed on elastic contacts.
 
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
@@ -106,13 +102,13 @@ def acceleration_limits(
     analysis = Analysis.of(assembly)
     stands = not analysis.require_stable(clock).doubtful
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
-    tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, _TOLERANCE, _TOLERANCE_AROUND)
+    wanted = np.arange(len(all_directions)) < len(asked) + 6
     limits = np.full(len(all_directions), _FASTEST)
     movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
     doubtful = np.full(len(asked), not stands)
     complete = stands
     for block in analysis.blocks:
-        found, mechanisms, checked, done = _block_limits(block, all_directions, tolerance, clock)
+        found, mechanisms, checked, done = _block_limits(block, all_directions, wanted, limits, clock)
         doubtful |= ~checked[: len(asked)]
         complete &= done
         lower = found < limits
@@ -157,9 +153,12 @@ Movers = Callable[[int], Callable[[], tuple[str, ...]]]
 
 
 def _block_limits(
-    block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
+    block: BlockAnalysis, directions: Array, wanted: Mask, most: Array, deadline: Deadline
 ) -> tuple[Array, Movers, Mask, bool]:
-    """Limits (D,) of one block, m/s2, and what moves first at each; which were checked; whether all are known."""
+    """Limits (D,) of one block, m/s2, and what moves first at each; which were checked; whether all are known.
+
+    Where contact forces have a choice, only in the directions wanted (D,), and no more than `most` (D,).
+    """
     objects = block.structure.assembly.objects
     gravity = np.asarray(block.structure.assembly.gravity)
     known = np.ones(len(directions), dtype=bool)
@@ -171,16 +170,14 @@ def _block_limits(
         limits, _ = cone.factors(gravity, -directions)
         names = tuple(objects[place].id for place in members)
         return limits, lambda _: lambda: names, known, True
-    limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
     # Slow: the directions around are left out of the polytope.
-    wanted = tolerance < _TOLERANCE_AROUND
-    limits, known, falls = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline)
+    limits, known, falls = _followed(block, directions, most * wanted, deadline)
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
-        mechanism = falls.get(row, mechanisms[numbers[row]] if mechanisms else None)
+        mechanism = falls.get(row)
         return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.velocities)
 
-    return limits, movers, known & complete, complete and bool(known.all())
+    return limits, movers, known, bool(known.all())
 
 
 def _inertial_loads(block: BlockAnalysis) -> Array:
@@ -195,74 +192,27 @@ def _inertial_loads(block: BlockAnalysis) -> Array:
     return loads.reshape(3, -1).T
 
 
-def _bounded(
-    block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
-) -> tuple[Array, "np.typing.NDArray[np.int64]", list[Mechanism], bool]:
-    """Lower bounds (D,) of the limits; the mechanism that bounds each from above; whether they meet the tolerance."""
-    loads = _inertial_loads(block)
-    patch = block.solvers.patch
-    cuts: list[Array] = []
-    mechanisms: list[Mechanism] = []
-    reached: list[Array] = []
-    upper, number = np.full(len(directions), np.inf), np.zeros(len(directions), dtype=np.int64)
-    wanted = list(np.vstack([np.eye(3), -np.eye(3)]))
-    while True:
-        for direction in wanted:
-            if deadline.passed:
-                return np.zeros(len(directions)), number, mechanisms, False
-            inverses = [block.solvers.limit.inverse_factor(loads @ direction)]
-            if patch is not None and not (
-                inverses[0].multipliers is not None and patch.allows(inverses[0].multipliers)
-            ):
-                inverses.append(patch.resting.inverse_factor(loads @ direction))
-            weakest = max(inverses, key=lambda inverse: inverse.value)
-            reached.append(direction / max(weakest.upper, 1 / _FASTEST))
-            for inverse in inverses:
-                cuts.append(inverse.twist @ loads)
-                mechanisms.append(Mechanism(block, inverse.twist))
-        powers = directions @ np.array(cuts).T
-        number = powers.argmax(axis=1)
-        upper = 1 / np.maximum(powers.max(axis=1), 1 / _FASTEST)
-        normals, offsets = _polytope(np.array(reached))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slopes = directions @ normals.T
-            lower = np.where(slopes > 1e-12, offsets / slopes, np.inf).min(axis=1)
-        gap = np.where(lower < (1 - tolerance) * upper, 1 / np.maximum(lower, 1e-9) - 1 / upper, 0.0)
-        if not gap.any():
-            return np.minimum(lower, upper), number, mechanisms, True
-        wanted = [directions[int(gap.argmax())]]
-
-
-def _elastic(
-    block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline
+def _followed(
+    block: BlockAnalysis, directions: Array, most: Array, deadline: Deadline
 ) -> tuple[Array, Mask, dict[int, Mechanism]]:
-    """Limits (D,) lowered to what elastic contacts hold, for which that is known (D,), and what moves by row.
+    """Limits (D,) of what elastic contacts and patches hold, for which that is known (D,), and what moves by row.
 
-    In some directions the limit is searched for. In the others the hull of these should be held: that is asked.
+    The forces of elastic contacts are within their friction cones, so that limit analysis holds as much. No more than
+    `most` (D,) is asked.
     """
-    loads = _inertial_loads(block)
-    checked, known = np.zeros_like(limits), np.ones(len(limits), dtype=bool)
-    rows = np.flatnonzero(limits > 0)
-    first = rows[:: max(1, len(rows) // _SEARCHED)]
-    hull: tuple[Array, Array] | None = None
+    loads, coulomb = _inertial_loads(block), block.solvers.coulomb
+    limits, known = np.zeros(len(directions)), np.ones(len(directions), dtype=bool)
     falls: dict[int, Mechanism] = {}
-    for row in [*first.tolist(), *np.setdiff1d(rows, first).tolist()]:
-        if hull is None and row not in first:
-            hull = _polytope(directions[first] * checked[first, None])
-        expected = np.inf if hull is None else _reach(directions[row], *hull)
-        expected = expected if expected > 0.5 * limits[row] else np.inf
-        found = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline, expected)
-        checked[row], known[row] = found.value, found.known
+    for row in np.flatnonzero(most > 0).tolist():
+        load = loads @ directions[row]
+        found = coulomb.factor(load, float(most[row]), deadline)
+        limits[row], known[row] = found.value, found.known
         if found.twist is not None:
-            falls[row] = Mechanism(block, found.twist)
-    return checked, known, falls
-
-
-def _reach(direction: Array, normals: Array, offsets: Array) -> float:
-    """How far a polytope reaches along a direction (3,)."""
-    slopes = normals @ direction
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(np.where(slopes > 1e-12, offsets / slopes, np.inf).min())
+            falls[row] = Mechanism.elastic(block, found.twist)
+        patch = patch_factor(block, load, found)
+        if patch is not None and patch.upper * limits[row] > 1:
+            limits[row], falls[row] = 1 / patch.upper, Mechanism(block, patch.twist)
+    return limits, known, falls
 
 
 def _polytope(points: Array) -> tuple[Array, Array]:

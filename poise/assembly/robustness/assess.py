@@ -11,6 +11,7 @@ from poise.assembly.robustness.limit_loads import LimitLoads, Movement
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.statics import Analysis, Deadline, Loads, Push, loads_of
+from poise.notebooks import html_table
 from poise.types import Array, Mask
 
 
@@ -112,6 +113,22 @@ class Assessment:
     def __repr__(self) -> str:
         state = "stable" if self.stable else f"unstable: {', '.join(self.falling)}"
         return f"Assessment({state}, margin {self.margin:.4g} N, results {list(self.results)})"
+
+    def _repr_html_(self) -> str:
+        """Whether it stands, and the answer to each push, for notebooks."""
+        state = "stable" if self.stable else f"unstable: {', '.join(self.falling)}"
+        rows = [
+            (
+                number,
+                f"{each.robustness:.4g}",
+                f"{each.lower:.4g} to {each.upper:.4g}",
+                each.mode,
+                ", ".join(each.moves),
+            )
+            for number, each in enumerate(self.results)
+        ]
+        headings = ("push", "robustness, N", "bounds, N", "mode", "moves first")
+        return html_table(f"{state}, margin {self.margin:.4g} N", headings, rows)
 
 
 def assess(

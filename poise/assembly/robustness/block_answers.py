@@ -10,6 +10,7 @@ from poise.assembly.statics import (
     Analysis,
     BlockAnalysis,
     Deadline,
+    ElasticFactor,
     InverseLoadFactor,
     Loads,
     Mechanism,
@@ -46,16 +47,78 @@ def ask_block(
     loads: Array,
     deadline: Deadline,
     inverses: Callable[[BlockAnalysis, Array], list[InverseLoadFactor]],
+) -> dict[int, InverseLoadFactor]:
+    """Solve one block for loads (q, 6 n) one by one; loads after the deadline are given up.
+
+    Returns:
+        The first answer to each question that was solved.
+    """
+    answers: dict[int, InverseLoadFactor] = {}
+    for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
+        if deadline.passed:
+            limit_loads.give_up(questions[row:])
+            break
+        found = inverses(block, load)
+        answers[question] = found[0]
+        for inverse in found:
+            _limit_by(limit_loads, block, question, load, inverse)
+    return answers
+
+
+def _limit_by(
+    limit_loads: LimitLoads, block: BlockAnalysis, question: int, load: Array, inverse: InverseLoadFactor
 ) -> None:
-    """Solve one block for loads (q, 6 n) one by one; loads after the deadline are given up."""
+    if inverse.value > UNLIMITED * float(np.abs(load).max()):
+        limit_loads.limit_by(question, 1 / inverse.upper, 1 / inverse.value, Mechanism(block, inverse.twist))
+
+
+def patch_factor(
+    block: BlockAnalysis, load: Array, found: ElasticFactor | None, limit: InverseLoadFactor | None = None
+) -> InverseLoadFactor | None:
+    """What patches hold of a load (6 n,), as far as it is less than what elastic contacts hold.
+
+    These hold as much where they turn no patch more than uniform pressure could turn it. Otherwise patches are asked.
+
+    Args:
+        block: of several bodies or interfaces.
+        load: in its units.
+        found: what elastic contacts hold; None, and where that is all that was asked: patches are asked in any case.
+        limit: what limit analysis holds, for the centres of pressure to move; None: they stay as they are at rest.
+    """
+    patch, enough = block.solvers.patch, 0.0
+    if patch is None:
+        return None
+    if found is not None and found.displacement is not None and found.value > 0:
+        contacts, forces = block.solvers.coulomb.contacts, block.solvers.coulomb.forces(found.displacement)
+        enough = 1 / found.value
+        if patch.allows_at((contacts.places[:, 0], contacts.places[:, 1]), contacts.interface, *forces.T):
+            return None
+    return patch.resting.inverse_factor(load, enough) if limit is None else patch.inverse_factor(load, limit, enough)
+
+
+def ask_patches(
+    limit_loads: LimitLoads,
+    block: BlockAnalysis,
+    questions: Indices,
+    loads: Array,
+    deadline: Deadline,
+    limits: dict[int, InverseLoadFactor],
+    elastic: dict[tuple[int, int], ElasticFactor],
+) -> None:
+    """Ask patches about loads (q, 6 n) on a block that limit analysis and elastic contacts were asked about before."""
+    if block.solvers.patch is None:
+        return
     for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
         if deadline.passed:
             limit_loads.give_up(questions[row:])
             return
-        never = UNLIMITED * float(np.abs(load).max())
-        for inverse in inverses(block, load):
-            if inverse.value > never:
-                limit_loads.limit_by(question, 1 / inverse.upper, 1 / inverse.value, Mechanism(block, inverse.twist))
+        if question not in limits:
+            continue
+        found = elastic.get((id(block.solvers), question))
+        lowered = found is not None and found.twist is not None
+        inverse = patch_factor(block, load, found if lowered else None, limits[question])
+        if inverse is not None and (found is None or not lowered or inverse.upper * found.value > 1):
+            _limit_by(limit_loads, block, question, load, inverse)
 
 
 def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
@@ -87,11 +150,15 @@ def check_elastic(
     wanted: Mask,
     deadline: Deadline,
     nearly: float = CHECKED_SHARE,
-) -> None:
+) -> dict[tuple[int, int], ElasticFactor]:
     """Check some questions (Q,) with elastic contacts, and lower the lower bounds that they do not withstand.
 
     Those for which there is no time keep as a lower bound what was confirmed by then.
+
+    Returns:
+        What each block, by the identity of its solvers, withstands in each question.
     """
+    answers: dict[tuple[int, int], ElasticFactor] = {}
     known = wanted.copy()
     total = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
     for block in analysis.blocks:
@@ -101,11 +168,12 @@ def check_elastic(
         for row in np.flatnonzero(wanted[questions]).tolist():
             question, load = int(questions[row]), block_loads[row]
             above = nearly * min(float(limit_loads.upper[question]), CHECKED_WEIGHTS * total)
-            found = block.solvers.coulomb.factor(load, above, deadline)
+            found = answers[id(block.solvers), question] = block.solvers.coulomb.factor(load, above, deadline)
             known[question] &= found.known
             if found.value < above:
                 limit_loads.lower[question] = min(float(limit_loads.lower[question]), found.value)
                 if found.twist is not None:
-                    limit_loads.mechanisms[question] = Mechanism(block, found.twist)
+                    limit_loads.mechanisms[question] = Mechanism.elastic(block, found.twist)
     limit_loads.complete &= bool(known[wanted].all())
     limit_loads.checked |= known
+    return answers

@@ -1,15 +1,18 @@
 """In which order an assembly can be taken apart without anything else moving."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from poise.assembly.contact import WayOut, way_out
 from poise.assembly.scene import Assembly
-from poise.assembly.statics import Analysis, Deadline
+from poise.assembly.statics import Analysis, Deadline, begin_near
+from poise.types import Array
 
 # Objects looked at before the best order so far is returned.
-_TRIES = 2000
+_TRIES = 20_000
 # An object carries another when the normal between them rises by more than this (sine).
 _RISE = 0.1
 
@@ -20,14 +23,16 @@ class Disassembly:
 
     Args:
         order: ids, the first to take first.
-        safe: whether taking each, in this order, moves nothing else.
+        safe: whether taking each, in this order, moves nothing else, and there is a way out for it.
         margins: N, of what stands afterwards (inf when nothing is left; negative when something falls).
+        ways: (3,) for each, a straight way out past all others that are still there; None when none was found.
         complete: every order that might be safe was looked at, or this one is; otherwise the deadline passed before.
     """
 
     order: tuple[str, ...]
     safe: tuple[bool, ...]
     margins: tuple[float, ...]
+    ways: tuple[Array | None, ...]
     complete: bool
 
 
@@ -38,12 +43,14 @@ def plan_disassembly(
 
     Whether the rest stands is solved again without the object: the thesis' test (section 4.6.3: the force that lifts
     the object equals its weight) is not the same where objects touch at their sides, since friction there changes
-    the force to lift though nothing depends on the object. Of the objects that may go, those on which nothing rests go
-    first, then those that leave the most margin; dead ends are taken back.
+    the force to lift though nothing depends on the object. Objects on which nothing rests are tried first, the highest
+    of them first; the first that leaves a standing rest is taken, and dead ends are taken back. What is left settles
+    near where it stood before.
 
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
-        target: take this object, and before it only what has to go first; None: everything.
+        target: take this object, and before it only what has to go first: what would fall without it, and what is in
+            its way; None: everything.
         deadline: s; then the rest of the order is marked as not safe.
 
     Raises:
@@ -66,6 +73,7 @@ class _Step:
     name: str
     left: Analysis
     clock: Deadline
+    out: WayOut
 
     @cached_property
     def margin(self) -> float:
@@ -73,31 +81,45 @@ class _Step:
         found = self.left.stability(self.clock)
         return -np.inf if found.doubtful else found.margin
 
+    @property
+    def safe(self) -> bool:
+        """The rest stands, and there is a way out."""
+        return self.out.direction is not None and self.margin > 0
 
-def _steps(analysis: Analysis, clock: Deadline) -> list[_Step]:
-    """All objects without which the rest stands: first those that carry nothing, then by the margin left."""
-    steps = []
-    for place in analysis.structure.movable:
+
+def _step(analysis: Analysis, name: str, clock: Deadline) -> _Step:
+    structure = analysis.structure
+    out = way_out(analysis.assembly, structure.interfaces, analysis.assembly.place_of(name), structure.margin)
+    left = analysis.without(name)
+    if out.direction is not None:
+        begin_near(analysis, left)
+    return _Step(name, left, clock, out)
+
+
+def _steps(analysis: Analysis, clock: Deadline) -> Iterator[_Step]:
+    """Safe steps, looked for one by one: first objects that carry nothing, the highest of them first."""
+    objects, carrying = analysis.assembly.objects, _carrying(analysis)
+    up = -np.asarray(analysis.assembly.gravity)
+    items = [objects[place] for place in analysis.structure.movable]
+    for item in sorted(items, key=lambda item: (item.id in carrying, -float(item.com_in_world @ up))):
         if clock.passed:
-            break
-        name = analysis.assembly.objects[place].id
-        step = _Step(name, analysis.without(name), clock)
-        if step.margin > 0:
-            steps.append(step)
-    carrying = _carrying(analysis)
-    return sorted(steps, key=lambda step: (step.name in carrying, -step.margin))
+            return
+        step = _step(analysis, item.id, clock)
+        if step.safe:
+            yield step
 
 
 def _carrying(analysis: Analysis) -> set[str]:
     """Ids of the objects on which others rest."""
     up = -np.asarray(analysis.assembly.gravity)
-    objects = analysis.assembly.objects
-    found = set()
-    for interface in analysis.structure.interfaces:
-        rise = float(interface.normal @ up) / (float(np.linalg.norm(up)) or 1.0)
-        if abs(rise) > _RISE:
-            found.add(objects[interface.first if rise > 0 else interface.second].id)
-    return found
+    objects, interfaces = analysis.assembly.objects, analysis.structure.interfaces
+    if not interfaces:
+        return set()
+    rises = np.array([interface.normal for interface in interfaces]) @ up / (float(np.linalg.norm(up)) or 1.0)
+    return {
+        objects[interfaces[i].first if rises[i] > 0 else interfaces[i].second].id
+        for i in np.flatnonzero(np.abs(rises) > _RISE).tolist()
+    }
 
 
 def _take_apart(analysis: Analysis, clock: Deadline) -> Disassembly:
@@ -109,47 +131,46 @@ def _take_apart(analysis: Analysis, clock: Deadline) -> Disassembly:
     tries = 0
     while choices and tries < _TRIES and not clock.passed:
         tries += 1
-        if len(path) > len(best):
-            best = list(path)
         left = path[-1].left if path else analysis
         if not left.structure.movable:
             break
-        while choices[-1] and _left_over(choices[-1][0].left) in dead:
-            choices[-1].pop(0)
-        if choices[-1]:
-            path.append(choices[-1].pop(0))
-            choices.append(_steps(path[-1].left, clock))
+        step = next((each for each in choices[-1] if _left_over(each.left) not in dead), None)
+        if step is not None:
+            path.append(step)
+            choices.append(_steps(step.left, clock))
+            best = list(path) if len(path) > len(best) else best
         else:
             dead.add(_left_over(left))
             choices.pop()
             if path:
                 path.pop()
-    if len(path) > len(best):
-        best = list(path)
-    names = [step.name for step in best]
-    margins = [step.margin for step in best]
     rest = best[-1].left if best else analysis
-    exhausted = not choices or not rest.structure.movable
-    return _with_rest(rest, names, margins, exhausted)
+    return _with_rest(rest, best, not choices or not rest.structure.movable)
 
 
 def _left_over(analysis: Analysis) -> frozenset[str]:
     return frozenset(analysis.assembly.objects[place].id for place in analysis.structure.movable)
 
 
-def _with_rest(rest: Analysis, names: list[str], margins: list[float], complete: bool) -> Disassembly:
+def _with_rest(rest: Analysis, steps: list[_Step], complete: bool) -> Disassembly:
     """An order that goes on, unsafely, through what is left: the highest first."""
-    safe = [True] * len(names)
     objects = rest.assembly.objects
-    for place in sorted(rest.structure.movable, key=lambda place: -objects[place].com_in_world[2]):
-        names.append(objects[place].id)
-        safe.append(False)
-        margins.append(-float("inf"))
-    return Disassembly(tuple(names), tuple(safe), tuple(margins), complete)
+    names = [objects[place].id for place in sorted(rest.structure.movable, key=lambda p: -objects[p].com_in_world[2])]
+    return Disassembly(
+        (*(step.name for step in steps), *names),
+        (True,) * len(steps) + (False,) * len(names),
+        (*(step.margin for step in steps), *[-np.inf] * len(names)),
+        (*(step.out.direction for step in steps), *[None] * len(names)),
+        complete,
+    )
 
 
 def _free(analysis: Analysis, target: str, clock: Deadline) -> Disassembly:
-    """Take what would fall without the target, before it; what would fall without that, before that; and so on."""
+    """Take what would fall without the target, or is in its way, before it; and so on for what goes before.
+
+    Of what falls without an object, that which rests on nothing but what falls is taken first: the highest. Then all is
+    looked at again, so that nothing goes that need not.
+    """
     steps: list[_Step] = []
     waiting = [target]
     while waiting and not clock.passed:
@@ -157,20 +178,31 @@ def _free(analysis: Analysis, target: str, clock: Deadline) -> Disassembly:
         if waiting[-1] not in left.assembly.index:
             waiting.pop()
             continue
-        step = _Step(waiting[-1], left.without(waiting[-1]), clock)
-        if step.margin > 0:
+        step = _step(left, waiting[-1], clock)
+        if step.safe:
             steps.append(step)
-            waiting.pop()
+            waiting = [target]
             continue
-        falls = [name for name in step.left.stability(clock).falling if name not in waiting]
-        if not falls:  # each needs the other
+        before = [name for name in _in_the_way(left, step, clock) if name not in waiting]
+        if not before:  # each needs the other
             break
-        waiting.append(falls[-1])
-    names, margins = [step.name for step in steps], [step.margin for step in steps]
-    safe = [True] * len(steps)
-    if target not in names:
-        left = steps[-1].left if steps else analysis
-        names.append(target)
-        safe.append(False)
-        margins.append(left.without(target).stability().margin)
-    return Disassembly(tuple(names), tuple(safe), tuple(margins), not clock.passed)
+        waiting.append(before[0])
+    taken = [step.name for step in steps]
+    if target not in taken:
+        steps.append(_step(steps[-1].left if steps else analysis, target, clock))
+    return Disassembly(
+        tuple(step.name for step in steps),
+        tuple(step.safe for step in steps),
+        tuple(step.margin for step in steps),
+        tuple(step.out.direction for step in steps),
+        not clock.passed,
+    )
+
+
+def _in_the_way(left: Analysis, step: _Step, clock: Deadline) -> list[str]:
+    """Ids of what has to go before a step, in order: what falls without it, otherwise what is in its way."""
+    objects, up = left.assembly.objects, -np.asarray(left.assembly.gravity)
+    before = set(step.left.stability(clock).falling) or {objects[place].id for place in step.out.blocked_by}
+    carrying = _carrying(left)
+    items = [item for item in objects if item.id in before and not item.fixed]
+    return [item.id for item in sorted(items, key=lambda item: (item.id in carrying, -float(item.com_in_world @ up)))]

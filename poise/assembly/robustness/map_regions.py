@@ -1,5 +1,6 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -29,7 +30,7 @@ def chunks(count: int) -> Iterator[slice]:
 def group_rows(key: Array) -> Indices:
     """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
     # One number for each row of the key: far faster to sort than rows.
-    weights = np.array([1.0, np.e, np.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
+    weights = np.array([1.0, math.e, math.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
     return np.unique(np.round(key @ weights, 6), return_inverse=True)[1].ravel()
 
 

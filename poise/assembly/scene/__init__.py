@@ -2,9 +2,11 @@
 
 - `shapes`, `mesh_files`: boxes, cylinders and closed meshes as polyhedra.
 - `scene`: `RigidObject`, `FrictionPair` and `Assembly`. `scene_files`: YAML in and out.
+- `plausibility`: what in a scene is probably wrong.
 """
 
 from poise.assembly.scene.mesh_files import load_mesh
+from poise.assembly.scene.plausibility import SceneFinding, scene_findings
 from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.scene_files import (
     load_scene,
@@ -25,6 +27,7 @@ __all__ = [
     "Mesh",
     "Polyhedron",
     "RigidObject",
+    "SceneFinding",
     "Shape",
     "check_density",
     "load_mesh",
@@ -34,6 +37,7 @@ __all__ = [
     "read_object",
     "read_scene",
     "scene_content",
+    "scene_findings",
     "with_pose_covariance",
     "write_scene",
 ]

@@ -1,5 +1,6 @@
 """Scene files: YAML in, an `Assembly` out, and back."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,8 @@ from poise.types import Array
 
 _MAX_BYTES = 16_000_000
 _UPPER = np.triu_indices(3)
+
+_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
 _SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs", "pose_std"}
 _SHAPE_KEYS = {"box", "cylinder", "mesh", "scale"}
@@ -253,6 +256,8 @@ def _list(value: Any, where: str) -> list[Any]:
 
 
 def _number(value: Any, where: str) -> float:
+    if isinstance(value, str) and _EXPONENT.fullmatch(value):  # YAML 1.1 takes 1e-6 for text
+        return float(value)
     # bool is an int in Python, never a quantity here.
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(ErrorCode.BAD_INPUT, f"{where}: expected a number, found {value!r}")

@@ -16,8 +16,8 @@ from poise.assembly.statics.analysis import (
     unstable,
 )
 from poise.assembly.statics.block import BlockGeometry, block_geometry
-from poise.assembly.statics.changes import analysis_after, same_object
-from poise.assembly.statics.coulomb import FACTOR_TOLERANCE
+from poise.assembly.statics.changes import analysis_after, begin_near, same_object
+from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, ElasticFactor
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
@@ -33,6 +33,7 @@ __all__ = [
     "BlockAnalysis",
     "BlockGeometry",
     "Deadline",
+    "ElasticFactor",
     "InverseLoadFactor",
     "Loads",
     "Mechanism",
@@ -40,6 +41,7 @@ __all__ = [
     "Push",
     "Stability",
     "analysis_after",
+    "begin_near",
     "block_geometry",
     "contact_forces",
     "hull_edges",

@@ -16,8 +16,8 @@ from poise.assembly.statics.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array, Indices
 
-_STILL = 1e-4
-"""Bodies slower than this share of the fastest are at rest in a mechanism."""
+_STILL, _ELASTIC = 1e-4, 3e-3
+"""Bodies slower than this share of the fastest are at rest in a mechanism; on elastic contacts all move a little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +70,17 @@ class Mechanism:
     Args:
         block: which.
         twist: (6 n,) in the block's units, of any scale.
+        still: bodies slower than this share of the fastest are at rest.
     """
 
-    def __init__(self, block: BlockAnalysis, twist: Array) -> None:
+    def __init__(self, block: BlockAnalysis, twist: Array, still: float = _STILL) -> None:
         self.block = block
-        self._twist = twist
+        self._twist, self._still = twist, still
+
+    @classmethod
+    def elastic(cls, block: BlockAnalysis, twist: Array) -> "Mechanism":
+        """Of a block that collapses on elastic contacts."""
+        return cls(block, twist, _ELASTIC)
 
     @property
     def twist(self) -> Array:
@@ -88,7 +94,9 @@ class Mechanism:
         speeds = np.abs(twists).max(axis=1)
         velocities = self.block.geometry.units.velocity(twists)
         objects, groups = self.block.structure.assembly.objects, self.block.block.members
-        moving = [(body, place) for body in np.flatnonzero(speeds > _STILL * speeds.max()) for place in groups[body]]
+        moving = [
+            (body, place) for body in np.flatnonzero(speeds > self._still * speeds.max()) for place in groups[body]
+        ]
         rows = velocities[[body for body, _ in moving]]
         # v + omega x com, for all at once: np.cross is slow for single vectors.
         com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)
@@ -120,7 +128,7 @@ class PatchMechanism(Mechanism):
     """The motion of a block on one interface at collapse under a wrench (6,), N and N m; computed when first used."""
 
     def __init__(self, block: BlockAnalysis, patch: SinglePatch, wrench: Array, factor: float, slips: bool) -> None:
-        self.block = block
+        self.block, self._still = block, _STILL
         self._patch = patch
         self._give_way = wrench, factor, slips
 

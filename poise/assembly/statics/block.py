@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array
 
 from poise.assembly.contact import FIXED_NODE, ContactBlock, Structure
-from poise.geometry import plane_axes
+from poise.geometry import cross, plane_axes
 from poise.types import Array, Indices, Mask
 
 Sparse = Any
@@ -148,8 +148,9 @@ def gravity_wrenches(structure: Structure, block: ContactBlock) -> Array:
     """(n, 6) wrench of gravity about the world's origin, N and N m, on each body of a block with all it carries."""
     assembly = structure.assembly
     wrenches = np.zeros((len(block.members), 6))
-    for row, members in zip(wrenches, block.members, strict=True):
-        for place in members:
-            weight = assembly.objects[place].mass * np.asarray(assembly.gravity)
-            row += np.concatenate([weight, np.cross(assembly.objects[place].com_in_world, weight)])
+    places = [place for members in block.members for place in members]
+    body = np.repeat(np.arange(len(block.members)), [len(members) for members in block.members])
+    weights = np.array([assembly.objects[place].mass for place in places])[:, None] * np.asarray(assembly.gravity)
+    com = np.array([assembly.objects[place].com_in_world for place in places])
+    np.add.at(wrenches, body, np.concatenate([weights, cross(com, weights)], axis=1))
     return wrenches

@@ -5,13 +5,19 @@ from functools import cached_property
 
 from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
-from poise.assembly.statics.coulomb import CoulombBlock
+from poise.assembly.statics.coulomb import CoulombBlock, ElasticState
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
+from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.equilibrium import Standing, stability
 from poise.assembly.statics.limit import limit_program
 from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
 from poise.assembly.statics.single_patch import SinglePatch
+from poise.assembly.statics.solvers import SOLVER_TOLERANCE
+from poise.types import Array
+
+_FEW, _ROUGH = 8, 1e-6
+"""Bodies up to which limit analysis is solved to the solver's tolerance; what it is solved to otherwise."""
 
 BlockKey = tuple[object, ...]
 """Equal for blocks that are the same problem: the same objects held in the same places, with the same friction."""
@@ -27,10 +33,12 @@ class BlockSolvers:
     Args:
         structure: of an assembly with the block.
         block: as numbered in that structure.
+        start: (6 n,) displacement near which elastic contacts are at rest, where one is known.
     """
 
     structure: Structure
     block: ContactBlock
+    start: Array | None = None
     _standing: Standing | None = field(default=None, init=False)
 
     @staticmethod
@@ -50,13 +58,23 @@ class BlockSolvers:
         return [self.structure.interfaces[number] for number in self.block.interfaces]
 
     @cached_property
+    def order(self) -> Elimination:
+        """In which its bodies are eliminated from linear systems."""
+        return Elimination.of(self.geometry.supports, self.geometry.count)
+
+    @cached_property
     def limit(self) -> LoadFactorProgram:
-        return limit_program(self.geometry)
+        """Model `limit`; to a millionth for many bodies, where elastic contacts decide in the end."""
+        return limit_program(self.geometry, SOLVER_TOLERANCE, self.order) if self._few else self.rough_limit
+
+    @property
+    def _few(self) -> bool:
+        return self.geometry.count <= _FEW
 
     @cached_property
     def rough_limit(self) -> LoadFactorProgram:
         """Model `limit` to a millionth, for maps."""
-        return limit_program(self.geometry, 1e-6)
+        return limit_program(self.geometry, _ROUGH, self.order)
 
     @cached_property
     def single_patch(self) -> SinglePatch | None:
@@ -72,17 +90,25 @@ class BlockSolvers:
         """For several bodies or interfaces; None when uniformly spread friction cannot hold the block at rest."""
         if self.geometry.statically_determinate:
             return None
-        program = PatchProgram(self.geometry, self.interfaces)
+        program = PatchProgram(self.geometry, self.interfaces, self.order)
         return program if program.holds else None
 
     @cached_property
     def coulomb(self) -> CoulombBlock:
-        return CoulombBlock(self.geometry, self.interfaces)
+        return CoulombBlock(self.geometry, self.interfaces, self.order)
 
     @cached_property
     def balance(self) -> Standing:
         """How safely the block stands if contact forces may be any that balance."""
-        return stability(self.geometry)
+        return self._stability(self.geometry)
+
+    def _stability(self, geometry: BlockGeometry) -> Standing:
+        return stability(geometry, order=self.order, tolerance=SOLVER_TOLERANCE if self._few else _ROUGH / 10)
+
+    @property
+    def settled(self) -> ElasticState | None:
+        """At rest on elastic contacts, once that was asked."""
+        return None if self._standing is None else self.coulomb.rest
 
     def standing(self, deadline: Deadline = NO_DEADLINE) -> tuple[Standing, bool]:
         """How safely the block stands. Where contact forces have a choice, those of elastic contacts count.
@@ -90,17 +116,22 @@ class BlockSolvers:
         Returns:
             How safely, and whether elastic contacts were checked where necessary, before the deadline.
         """
-        if self.balance.margin < 0 or self.geometry.statically_determinate:
+        if self.geometry.statically_determinate:
             return self.balance, True
         if self._standing is None:
-            state = self.coulomb.settle(self.geometry.gravity.ravel(), deadline=deadline)
+            state = self.coulomb.settle(self.geometry.gravity.ravel(), self.start, deadline)
             if not state.known:
-                return self.balance, False
+                return self.balance, self.balance.margin < 0
             self.coulomb.rest = state
-            self._standing = self._by_itself() if state.stands else Standing(-state.unbalanced, state.displacement)
+            if state.stands:
+                self._standing = self._by_itself()
+            elif self.balance.margin < 0:
+                self._standing = self.balance
+            else:
+                self._standing = Standing(-state.unbalanced, state.displacement)
         return self._standing, True
 
     def _by_itself(self) -> Standing:
         """How safely a block stands without what only touches: that could not be pressed less, and does not help."""
         idle = ~self.coulomb.pressed_at_rest
-        return stability(self.geometry.without(idle)) if idle.any() else self.balance
+        return self._stability(self.geometry.without(idle)) if idle.any() else self.balance

@@ -32,6 +32,22 @@ def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:
     return analysis.with_object(*changed) if gone or changed else before
 
 
+def begin_near(before: Analysis, after: Analysis) -> None:
+    """Let the blocks of an analysis settle near where those of a similar one have settled."""
+    known: dict[str, Array] = {}
+    objects = before.assembly.objects
+    for block in before.blocks:
+        if block.solvers.settled is not None:
+            moved = block.solvers.coulomb.in_world(block.solvers.settled.displacement)
+            known |= {objects[group[0]].id: row for group, row in zip(block.block.members, moved, strict=True)}
+    objects = after.assembly.objects
+    for block in after.blocks:
+        heads = [objects[group[0]].id for group in block.block.members]
+        if block.solvers.settled is None and not block.geometry.statically_determinate and known:
+            rows = np.array([known.get(head, np.zeros(6)) for head in heads])
+            block.solvers.start = block.solvers.coulomb.of_world(rows)
+
+
 def _same_setting(first: Assembly, second: Assembly) -> bool:
     """Equal gravity and friction."""
     return (

@@ -4,7 +4,6 @@ Limit analysis asks whether contact forces in balance exist. Between two walls t
 nothing presses the walls to the cube. Here normal forces arise only where bodies are pushed into each other.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +12,9 @@ import numpy as np
 from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.assembly.statics.elastic_contacts import ElasticContacts
+from poise.assembly.statics.elastic_contacts import ElasticContacts, Stiffness
+from poise.assembly.statics.elimination import Elimination
+from poise.assembly.statics.load_path import PathPoint, follow
 from poise.types import Array, Mask
 
 # A body stands when the catch carries less than this share of its load; its load counts as this share of all at least.
@@ -24,12 +25,12 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
-_ON_THE_WAY = (0.95,)
-"""Shares of a factor at which a block stands that are asked, too: as the load grows, it must stand there before."""
+_PATH_STEPS, _REACHED = 25, 2e-4
+"""Newton steps to one point of the path of a growing load, and what may be left there of the load on each body."""
+_NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
+"""There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
-_PROBES, _NEAR = 40, 5
-"""Load factors that are tried at most, and within how many tolerances Newton steps alone look for the factor."""
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -60,12 +61,14 @@ class ElasticFactor:
     Args:
         value: it stands at this factor.
         known: it stands at none that is much larger; otherwise the deadline passed.
-        twist: (6 n,) the motion at the least factor at which it did not stand; None when there was none.
+        twist: (6 n,) the motion in which it collapses; None when it does not.
+        displacement: (6 n,) in the state in which it stands; None when it does not.
     """
 
     value: float
     known: bool
     twist: Array | None = None
+    displacement: Array | None = None
 
 
 class CoulombBlock:
@@ -77,10 +80,10 @@ class CoulombBlock:
     of a convex energy.
     """
 
-    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface]) -> None:
-        """Take a block and its interfaces in order."""
+    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface], order: Elimination | None = None) -> None:
+        """Take a block and its interfaces in order; `order`: in which its bodies are eliminated, where it is known."""
         self.geometry = geometry
-        self.contacts = ElasticContacts(geometry, interfaces)
+        self.contacts = ElasticContacts(geometry, interfaces, order)
 
     def settle(
         self,
@@ -98,7 +101,7 @@ class CoulombBlock:
         contacts, bounds = self.contacts, np.full(len(self.contacts.stiffness), np.inf)
         if start is not None and (found := self._newton(load, start, deadline)).settled:
             return found
-        u = self._tresca(load, bounds, contacts.glued.solve(load), deadline)
+        u = self._tresca(load, bounds, self._glued(load), deadline)
         for attempt in range(_ATTEMPTS):
             found = self._newton(load, u, deadline)
             if found.settled or not found.known:
@@ -116,13 +119,27 @@ class CoulombBlock:
                 return ElasticState(False, carried, u)
         return found
 
+    def in_world(self, displacement: Array) -> Array:
+        """(n, 6) displacements (6 n,) at the world's origin, for contacts of a stiffness of 1 N/m per m2."""
+        units = self.geometry.units
+        return units.velocity(displacement.reshape(-1, 6)) * (units.weight / self.contacts.area)
+
+    def of_world(self, displacements: Array) -> Array:
+        """The inverse of `in_world`."""
+        units = self.geometry.units
+        return np.asarray(units.of_velocity(displacements) * (self.contacts.area / units.weight)).ravel()
+
     @cached_property
     def pressed_at_rest(self) -> Mask:
         """(I,) interfaces that carry a load of the bodies they are between at rest, if only a little."""
         contacts, gravity = self.contacts, np.linalg.norm(self.geometry.gravity, axis=1)
-        normal = contacts.forces(contacts.relative(self.rest.displacement), None)[:, 0]
+        normal = self.forces(self.rest.displacement)[:, 0]
         loads = np.append(gravity, np.inf)[self.geometry.supports].min(axis=1)
         return np.asarray(np.bincount(contacts.interface, normal) > _IDLE * loads)
+
+    def forces(self, displacement: Array) -> Array:
+        """(P, 3) normal force and friction at each elastic point, at a displacement (6 n,)."""
+        return self.contacts.forces(self.contacts.relative(displacement), None)
 
     @cached_property
     def rest(self) -> ElasticState:
@@ -139,9 +156,8 @@ class CoulombBlock:
     ) -> ElasticFactor:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
-        The largest factor is settled in full. When it does not stand there, Newton steps from where it stands narrow
-        the factor down; where these are stuck it may still stand, so the lowest such factor is settled in full, too.
-        Only factors at which it stands count.
+        The block is followed from rest while the load grows, so that every state it stands in is reached from there;
+        see `load_path`.
 
         Args:
             load: in the block's units.
@@ -150,138 +166,154 @@ class CoulombBlock:
             expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
             tolerance: relative, of the factor.
         """
-        gravity = self.geometry.gravity.ravel()
         if deadline.passed:
             return ElasticFactor(0.0, False)
-        state = self.rest
-        if not state.stands:
-            return ElasticFactor(0.0, True, state.displacement)
-        first = min(above, expected)
-        probe = state
-        for share in (1.0, *_ON_THE_WAY):
-            start = state.displacement + share * (probe.displacement - state.displacement)
-            probe = self.settle(gravity + share * first * load, start, deadline)
-            if not probe.known:
-                return ElasticFactor(0.0, False)
-            if not probe.stands:
-                return self._below(load, share * first, probe, deadline, tolerance)
-        return ElasticFactor(first, True)
+        rest, gravity = self.rest, self.geometry.gravity.ravel()
+        if not rest.stands:
+            return ElasticFactor(0.0, True, rest.displacement)
+        response, weight = self._response(rest.displacement, load), float(np.linalg.norm(gravity))
+        most = min(above, expected)
 
-    def _below(
-        self, load: Array, above: float, fall: ElasticState, deadline: Deadline, tolerance: float
-    ) -> ElasticFactor:
-        """The factor up to which the block stands, below one at which it does not."""
-        gravity, state, growth = self.geometry.gravity.ravel(), self.rest, np.zeros_like(load)
-        # Below this share of the weight nothing is resolved.
-        least = min(above, float(np.linalg.norm(gravity)) / (float(np.linalg.norm(load)) or 1.0)) / 10
-        low, high = 0.0, above
-        factor = self._estimate(load, above, fall, tolerance) or _middle(least, above)
-        for _ in range(_PROBES):
-            # The displacement grows along straight pieces.
-            start = state.displacement + (factor - low) * growth
-            probe = self._newton(gravity + factor * load, start, deadline)
-            if probe.stands:
-                growth = (probe.displacement - state.displacement) / (factor - low)
-                low, state = factor, probe
-            else:
-                high = factor
-            if low < high <= low + _NEAR * tolerance * max(low, least):
-                probe = self.settle(gravity + high * load, deadline=deadline)
-                if not probe.stands:
-                    between = self._estimate(load, high, probe, tolerance)
-                    asked = gravity + between * load
-                    if between > low and self._newton(asked, state.displacement, deadline).stands:
-                        low = between
-                    return ElasticFactor(low, probe.known, probe.displacement)
-                low, high, state = high, above, probe
-            if not probe.known:
-                return ElasticFactor(low, False)
-            factor = (low + high) / 2 if high < 4 * max(low, least) else _middle(max(low, least), high)
-        return ElasticFactor(low, True)
+        def reach(start: Array) -> PathPoint | None:
+            return None if deadline.passed else self._reach(load, start, deadline)
 
-    def _estimate(self, load: Array, factor: float, fall: ElasticState, tolerance: float) -> float:
-        """A factor at which the block may stand, from its fall at a larger one; 0 when it shows none.
-
-        The catch carries what is too much. How much that is follows from the power of the motion.
-        """
-        u = fall.displacement
-        power = float(load @ u)
-        if not fall.settled or power <= 0:
-            return 0.0
-        return max((factor - self.contacts.catch * float(u @ u) / power) * (1 - tolerance), 0.0)
+        path = follow(reach, rest.displacement, response, load, most, weight, tolerance)
+        best = path.best
+        if best.factor >= most:
+            return ElasticFactor(most, True, None, best.displacement)
+        if not path.ended and deadline.passed:
+            return ElasticFactor(best.factor, False)
+        return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement)
 
     def _share(self, part: Array, load: Array) -> float:
-        """The share that a part (6 n,) is of the load on a body, the largest of all bodies."""
+        """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
         loads = np.linalg.norm(load.reshape(-1, 6), axis=1)
+        loads = np.maximum(loads, np.linalg.norm(self.geometry.gravity, axis=1))
         least = _LEAST_LOAD * float(np.linalg.norm(loads)) or 1.0
         return float((np.linalg.norm(part.reshape(-1, 6), axis=1) / np.maximum(loads, least)).max())
 
+    def _glued(self, load: Array) -> Array:
+        """(6 n,) displacement when nothing opens or slips."""
+        compiled = self.contacts.compiled
+        return self.contacts.glued.solve(load) if compiled is None else compiled.response(None, load)
+
+    def _response(self, u: Array, load: Array) -> Array:
+        """(6 n,) change of a displacement under a small load."""
+        contacts, compiled = self.contacts, self.contacts.compiled
+        return contacts.jacobian(contacts.relative(u)).solve(load) if compiled is None else compiled.response(u, load)
+
+    def _left(self, u: Array, load: Array) -> Array:
+        """(6 n,) what contacts that slip as Coulomb says, and the catch, leave of a load, negated."""
+        contacts, compiled = self.contacts, self.contacts.compiled
+        return contacts.left(u, load, contacts.relative(u)) if compiled is None else compiled.left(u, load)
+
     def _state(self, load: Array, u: Array) -> ElasticState:
         """The state at a displacement; settled when contacts that slip as Coulomb says leave next to nothing."""
-        contacts = self.contacts
-        left = self._share(contacts.left(u, load, contacts.relative(u)), load)
-        unbalanced = left + self._share(contacts.catch * u, load)
+        left = self._share(self._left(u, load), load)
+        unbalanced = left + self._share(self.contacts.catch * u, load)
         return ElasticState(unbalanced <= _CARRIED, unbalanced, u, left <= _CARRIED / 2)
 
     def _newton(self, load: Array, start: Array, deadline: Deadline) -> ElasticState:
         """The state in which contacts, slipping as Coulomb says, carry a load; not settled when stuck on the way."""
-        contacts, size = self.contacts, float(np.linalg.norm(load)) or 1.0
-
-        def left(u: Array, relative: Array) -> tuple[float, Array]:
-            rest = contacts.left(u, load, relative)
-            return float(np.linalg.norm(rest)), rest
-
-        u = self._descend(load, start, left, None, _SETTLED / 10 * size, _STEPS, deadline)
-        found = self._state(load, u)
+        found = self._state(load, self._descend(load, start, None, _STEPS, deadline))
         return found if found.settled else replace(found, known=not deadline.passed)
 
     def _tresca(self, load: Array, bounds: Array, start: Array, deadline: Deadline) -> Array:
         """The displacement (6 n,) of least energy with friction limited to the bounds (P,), as far as time allows."""
-        contacts, size = self.contacts, float(np.linalg.norm(load)) or 1.0
+        return self._descend(load, start, bounds, _TRESCA_STEPS, deadline)
 
-        def energy(u: Array, relative: Array) -> tuple[float, None]:
-            return contacts.energy(u, load, relative, bounds), None
+    def _reach(self, load: Array, start: Array, deadline: Deadline) -> PathPoint | None:
+        """The equilibrium at which a load has the power that it has at the start; None where none is found."""
+        gravity, compiled = self.geometry.gravity.ravel(), self.contacts.compiled
+        enough = _SETTLED / 10 * (float(np.linalg.norm(gravity)) or 1.0)
+        if compiled is not None:
+            u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, _PATH_STEPS, deadline)
+        else:
+            goal = _Goal(gravity, push=load)
+            u, left, steps = self._steps(goal, start, enough, _PATH_STEPS, deadline)
+            factor, compliance = goal.factor, goal.compliance
+        total = gravity + factor * load
+        size = max(float(np.linalg.norm(total)), float(np.linalg.norm(gravity)))
+        if left > _SETTLED * size and (left > _REACHED * size or self._share(self._left(u, total), total) > _REACHED):
+            return None
+        held = self._share(self.contacts.catch * u, total) <= _CARRIED
+        return PathPoint(u, factor, held, compliance, steps)
 
-        return self._descend(load, start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, deadline)
+    def _descend(self, load: Array, start: Array, bounds: Array | None, steps: int, deadline: Deadline) -> Array:
+        """The displacement after damped Newton steps that lessen what is left; with bounds (P,), the energy."""
+        enough = _SETTLED / 10 * (float(np.linalg.norm(load)) or 1.0)
+        compiled = self.contacts.compiled
+        if compiled is not None:
+            return compiled.descend(load, start, bounds, enough, steps, deadline)
+        return self._steps(_Goal(load, bounds), start, enough, steps, deadline)[0]
 
-    def _descend(
-        self,
-        load: Array,
-        start: Array,
-        merit: Callable[[Array, Array], tuple[float, Array | None]],
-        bounds: Array | None,
-        enough: float,
-        steps: int,
-        deadline: Deadline,
-    ) -> Array:
-        """The displacement after damped Newton steps that lessen a merit, which may give what is left, too.
+    def _steps(
+        self, goal: "_Goal", u: Array, enough: float, steps: int, deadline: Deadline
+    ) -> tuple[Array, float, int]:
+        """Damped Newton steps towards a goal: the displacement, its merit, and how many steps that took.
 
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
         bond of the contacts, shortens it.
         """
-        contacts, u, damping = self.contacts, start, 0.0
+        contacts, damping, step = self.contacts, 0.0, 0
+        earlier, stale = np.inf, 0
         relative = contacts.relative(u)
-        value, rest = merit(u, relative)
-        for _ in range(steps):
-            rest = contacts.left(u, load, relative, bounds) if rest is None else rest
-            if float(np.linalg.norm(rest)) <= enough or deadline.passed:
+        value, rest = goal.merit(contacts, u, relative)
+        for step in range(steps + 1):
+            if step == steps or float(np.linalg.norm(rest)) <= enough or deadline.passed:
                 break
-            step = -contacts.jacobian(relative, bounds, damping).solve(rest)
-            moved = contacts.moved(step)
-            for length in (1.0, 0.5, 0.25):
+            if goal.push is not None and value <= _NEARLY * enough:
+                stale = stale + 1 if value > _GAINS * earlier else 0
+                if stale == _PATIENCE:
+                    break
+                earlier = min(earlier, value)
+            move = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest)
+            moved, factor = contacts.moved(move), goal.factor
+            for length in (1.0, 0.5, 0.25) if np.isfinite(move).all() else ():
                 there = relative + length * moved
-                new, new_rest = merit(u + length * step, there)
+                new, new_rest = goal.merit(contacts, u + length * move, there)
                 if new < value:
-                    u, value, rest, relative = u + length * step, new, new_rest, there
+                    u, value, rest, relative = u + length * move, new, new_rest, there
                     damping = damping / 10 if damping > 1e-7 and length == 1 else 0.0 if length == 1 else damping
                     break
             else:
-                damping = max(10 * damping, 1e-4)
+                goal.factor, damping = factor, max(10 * damping, 1e-4)
                 if damping > 10:
                     break
-        return u
+        return u, value, step
 
 
-def _middle(low: float, high: float) -> float:
-    """Between two factors: in ratio when they are far apart."""
-    return (low + high) / 2 if high < 4 * low else float(np.sqrt(low * high))
+@dataclass(eq=False)
+class _Goal:
+    """What Newton steps look for: the equilibrium under a load, with friction bounds (P,) or as Coulomb says.
+
+    Or with a factor of a push that the displacement decides: the power of the push on it does not change.
+    """
+
+    load: Array
+    bounds: Array | None = None
+    push: Array | None = None
+    factor: float = 0.0
+    compliance: float = 0.0
+
+    def step(self, jacobian: Stiffness, rest: Array) -> Array:
+        """(6 n,) the Newton step; not finite where the stiffness is singular."""
+        try:
+            move = -jacobian.solve(rest)
+            if self.push is not None:
+                along = jacobian.solve(self.push)
+                self.compliance = float(self.push @ along)
+                move -= float(self.push @ move) / self.compliance * along
+        except np.linalg.LinAlgError:
+            return np.full_like(rest, np.nan)
+        return move
+
+    def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
+        """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""
+        rest = contacts.left(u, self.load, relative, self.bounds)
+        if self.bounds is not None:
+            return contacts.energy(u, self.load, relative, self.bounds), rest
+        if self.push is not None:
+            self.factor = float(self.push @ rest) / float(self.push @ self.push)
+            rest = rest - self.factor * self.push
+        return float(np.linalg.norm(rest)), rest

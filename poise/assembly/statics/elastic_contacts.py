@@ -1,17 +1,19 @@
 """The contact points of a block as springs: forces, energy and stiffness at a displacement of the bodies."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.contact import FIXED_NODE, Interface
 from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
 from poise.assembly.statics.body_stiffness import BodyStiffness
+from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.geometry import plane_axes
+from poise.geometry import cross, plane_axes
+from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
 
 CATCH = 1e-8
@@ -28,12 +30,16 @@ class _Points:
     """Springs of all interfaces of a block, one interface after another, in its units.
 
     Args:
+        area: m2, that of an interface with a stiffness of 1.
+        places: (P, 2) along the tangents of the interface.
         wrenches: (P, 3, 6) of unit forces (normal and two tangents) on the second body.
         stiffness: (P,).
         friction: (P,).
         interface: (P,) number within the block.
     """
 
+    area: float
+    places: Array
     wrenches: Array
     stiffness: Array
     friction: Array
@@ -58,23 +64,27 @@ class ElasticContacts:
     Args:
         geometry: of the block.
         interfaces: in order.
+        order: in which bodies are eliminated, where it is known.
     """
 
-    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface]) -> None:
+    def __init__(self, geometry: BlockGeometry, interfaces: list[Interface], order: Elimination | None = None) -> None:
+        self._order = order
         points = _elastic_points(geometry, interfaces)
+        self.area, self.places = points.area, points.places
         self.interface = points.interface
         self.stiffness, self.friction = points.stiffness, points.friction
         self.catch = CATCH * float(points.stiffness.mean())
         self.count = geometry.count
         self._starts = np.searchsorted(points.interface, np.arange(len(interfaces)))
         # The ground is one more body, whose motion and forces are dropped.
-        self._sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
-        self._stiffness_of_bodies = BodyStiffness(self._sides, self.count)
+        self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
+        self._stiffness_of_bodies = BodyStiffness(self.sides, self.count)
+        self._wrenches = points.wrenches
         self._lay_out(points.wrenches)
 
     def _lay_out(self, wrenches: Array) -> None:
         """Prepare the map (3 P, 6 n) from displacements to relative ones, and wrenches padded to equal interfaces."""
-        bodies = np.where(self._sides == self.count, FIXED_NODE, self._sides)
+        bodies = np.where(self.sides == self.count, FIXED_NODE, self.sides)
         forces: Sparse = assembled(wrenches, bodies[self.interface], self.count)
         few = self._stiffness_of_bodies.kind == "dense"
         self._forces: Any = forces.toarray() if few else forces.tocsr()
@@ -87,6 +97,13 @@ class ElasticContacts:
         self._padded = padded
         # (I, 6, 3 M): the wrenches of an interface side by side.
         self._columns = np.ascontiguousarray(padded.reshape(len(self._starts), 3 * each, 6).transpose(0, 2, 1))
+
+    @cached_property
+    def compiled(self) -> "CompiledElasticContacts | None":
+        """The same in compiled form; None where the kernels are not installed."""
+        if not COMPILED:
+            return None
+        return CompiledElasticContacts(self, self._wrenches, self._order or Elimination.of(self.sides, self.count))
 
     @cached_property
     def glued(self) -> Stiffness:
@@ -170,29 +187,79 @@ class ElasticContacts:
         return Stiffness(bodies, bodies.matrix(pairs, self.catch))
 
 
+class CompiledElasticContacts:
+    """Elastic contacts whose loops run in C; displacements and loads (6 n,) in the order of the bodies.
+
+    Args:
+        contacts: the same ones.
+        wrenches: (P, 3, 6) of unit forces at their points.
+        order: in which bodies are eliminated.
+    """
+
+    def __init__(self, contacts: ElasticContacts, wrenches: Array, order: Elimination) -> None:
+        self._entries = order.entries
+        springs = np.searchsorted(contacts.interface, np.arange(len(contacts.sides) + 1))
+        arrays = springs, wrenches, contacts.stiffness, contacts.friction
+        self._kernel = CompiledElastic(order.compiled, *arrays, catch=contacts.catch, slack=_SLACK)
+
+    def _back(self, found: Array) -> Array:
+        out = np.empty_like(found)
+        out[self._entries] = found
+        return out
+
+    def descend(
+        self, load: Array, start: Array, bounds: Array | None, enough: float, steps: int, deadline: Deadline
+    ) -> Array:
+        """As `CoulombBlock._descend`."""
+        given = load[self._entries], start[self._entries], bounds, enough, steps, deadline.remaining
+        return self._back(self._kernel.descend(*given))
+
+    def left(self, u: Array, load: Array) -> Array:
+        """As `ElasticContacts.left`, with friction as Coulomb's law says."""
+        return self._back(self._kernel.left(u[self._entries], load[self._entries]))
+
+    def reach(
+        self, load: Array, push: Array, start: Array, enough: float, steps: int, deadline: Deadline
+    ) -> tuple[Array, float, float, float, int]:
+        """The displacement, factor, merit, compliance and steps that `CoulombBlock._reach` wants."""
+        given = load[self._entries], push[self._entries], start[self._entries], enough, steps, deadline.remaining
+        u, factor, left, compliance, taken = self._kernel.reach(*given)
+        return self._back(u), factor, left, compliance, taken
+
+    def response(self, at: Array | None, push: Array) -> Array:
+        """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""
+        return self._back(self._kernel.response(None if at is None else at[self._entries], push[self._entries]))
+
+
 def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Points:
     """The springs of all interfaces: equal stiffness per area, part of it at the corners."""
     units = geometry.units
     areas = np.array([interface.area for interface in interfaces])
     mean = areas[areas > 0].mean() if np.any(areas > 0) else 1.0
     sizes = np.where(areas > 0, np.maximum(areas / mean, 1e-2), 1e-1)
-    wrenches, stiffness = [], []
-    number: list[NDArray[np.int64]] = []
-    for i, (interface, size) in enumerate(zip(interfaces, sizes, strict=True)):
-        share = _AT_CORNERS if interface.area > 0 else 1.0
-        corners = len(interface.points)
-        weights, places = [np.full(corners, share / corners)], [interface.points]
-        if interface.area > 0:
-            friction = patch_friction(interface)
-            cells = friction.surface.cells()
-            places.append(friction.centroid + friction.size * cells.places @ friction.axes)
-            weights.append((1 - share) * cells.weights)
-        points = (np.concatenate(places) - units.origin) / units.length
-        frame = np.vstack([interface.normal, plane_axes(interface.normal)])
-        arms = np.cross(points[:, None], frame)
-        wrenches.append(np.concatenate([np.broadcast_to(frame, arms.shape), arms], axis=2))
-        stiffness.append(size * np.concatenate(weights))
-        number.append(np.full(len(points), i))
-    which = np.concatenate(number)
-    mu = np.array([interface.friction for interface in interfaces])[which]
-    return _Points(np.concatenate(wrenches), np.concatenate(stiffness), mu, which)
+    springs = [interface.once("springs", partial(_springs, interface)) for interface in interfaces]
+    which = np.repeat(np.arange(len(springs)), [len(shares) for _, shares in springs])
+    points = (np.concatenate([points for points, _ in springs]) - units.origin) / units.length
+    normals = np.array([interface.normal for interface in interfaces])
+    frames = np.concatenate([normals[:, None], plane_axes(normals)], axis=1)[which]
+    wrenches = np.concatenate([frames, cross(points[:, None], frames)], axis=2)
+    return _Points(
+        area=float(mean),
+        places=np.einsum("ij,ikj->ik", points, frames[:, 1:]),
+        wrenches=wrenches,
+        stiffness=sizes[which] * np.concatenate([shares for _, shares in springs]),
+        friction=np.array([interface.friction for interface in interfaces])[which],
+        interface=which,
+    )
+
+
+def _springs(interface: Interface) -> tuple[Array, Array]:
+    """(P, 3) where the springs of an interface are, m, and (P,) their shares of its stiffness."""
+    corners = len(interface.points)
+    if interface.area == 0:
+        return interface.points, np.full(corners, 1 / corners)
+    friction = patch_friction(interface)
+    cells = friction.surface.cells()
+    places = friction.centroid + friction.size * cells.places @ friction.axes
+    shares = [np.full(corners, _AT_CORNERS / corners), (1 - _AT_CORNERS) * cells.weights]
+    return np.concatenate([interface.points, places]), np.concatenate(shares)

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, diags_array, eye_array, vstack
+from scipy.sparse import block_diag, diags_array, eye_array, vstack
 
-from poise.assembly.statics.block import BlockGeometry, Sparse
-from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
+from poise.assembly.statics.block import BlockGeometry
+from poise.assembly.statics.elimination import Elimination
+from poise.assembly.statics.pair_program import PairProgram, PairRows
+from poise.assembly.statics.solvers import SOLVER_TOLERANCE, Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array
 
@@ -28,31 +30,23 @@ class Standing:
     twist: Array
 
 
-_SMALL = 10_000
-"""Entries of a matrix up to which it is put together dense."""
+def corner_rows(geometry: BlockGeometry, shared: Array, equal: bool) -> PairRows:
+    """The rows for which motions open and slide all corners as friction cones allow; see `PairRows` for the rest."""
+    forces = np.concatenate([geometry.frames, np.cross(geometry.points[:, None], geometry.frames)], axis=2)
+    # The scale makes a standard cone of |t| <= mu n, and of its dual.
+    scale = np.stack([np.ones_like(geometry.friction), geometry.friction, geometry.friction], axis=1)
+    none = np.zeros(len(geometry.supports), dtype=np.int64)
+    corners = np.bincount(geometry.interface, minlength=len(none)).astype(np.int64)
+    entries = (-scale[:, :, None] * forces).ravel()
+    return PairRows(geometry.supports, geometry.count, none, corners, none, 3, entries, shared, equal)
 
 
-def cone_rows(friction: Array) -> Array:
-    """(K, 3) scale of (normal, tangents) that makes a standard cone of |t| <= mu n, and of its dual."""
-    return np.stack([np.ones_like(friction), friction, friction], axis=1)
-
-
-def moving_into_cones(geometry: BlockGeometry) -> Sparse:
-    """(3 K, 6 n) how fast twists open and slide the contacts, in the scale of `cone_rows`; dense for small blocks."""
-    scale = cone_rows(geometry.friction).ravel()
-    if geometry.grasp.shape[0] * geometry.grasp.shape[1] > _SMALL:
-        return diags_array(scale) @ geometry.grasp.T
-    return scale[:, None] * geometry.grasp.toarray().T
-
-
-def stacked(first: Array, rest: Sparse) -> Sparse:
-    """A dense row (1, n) over a matrix (m, n), sparse: small ones are put together dense, which is much faster."""
-    if isinstance(rest, np.ndarray):
-        return csc_array(np.vstack([first, rest]))
-    return vstack([csc_array(first), rest], format="csc")
-
-
-def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
+def stability(
+    geometry: BlockGeometry,
+    load: Array | None = None,
+    order: Elimination | None = None,
+    tolerance: float = SOLVER_TOLERANCE,
+) -> Standing:
     """How safely a block stands under gravity, or under another load (6 n,) in the block's units.
 
     One SOCP: the largest t for which contact forces in their cones, moved inwards by t / (corners of the interface),
@@ -66,16 +60,14 @@ def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
     corners = np.bincount(geometry.interface)[geometry.interface]
     spread = np.zeros((len(corners), 3))
     spread[:, 0] = 1 / corners
-    opening = (geometry.grasp @ spread.ravel())[None]
-    matrix = stacked(opening, -moving_into_cones(geometry))
-    right = np.concatenate([[1.0], np.zeros(3 * len(corners))])
-    solution = ConicProgram(matrix, right, Cones(zero=1, second_order=(3,) * len(corners))).solve(-load)
-    if solution.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides
+    opening = geometry.grasp @ spread.ravel()
+    found = PairProgram(corner_rows(geometry, opening, equal=True), tolerance, order).solve(load)
+    if found.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides
         return Standing(np.inf, np.zeros_like(load))
-    if solution.outcome is Outcome.UNBOUNDED:
-        return Standing(-np.inf, solution.x)
-    margin = solution.value
-    return Standing(0.0 if abs(margin) <= _MARGINAL else margin, solution.x)
+    if found.outcome is Outcome.UNBOUNDED:
+        return Standing(-np.inf, found.motion)
+    margin = -found.value
+    return Standing(0.0 if abs(margin) <= _MARGINAL else margin, found.motion)
 
 
 def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: int | None = None) -> Array:

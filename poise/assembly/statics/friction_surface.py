@@ -153,6 +153,10 @@ class PatchFriction:
 
 def patch_friction(interface: Interface) -> PatchFriction:
     """The friction surface of an interface; lines are pressed uniformly along their length, scattered points alike."""
+    return interface.once("friction", lambda: _patch_friction(interface))
+
+
+def _patch_friction(interface: Interface) -> PatchFriction:
     axes = plane_axes(interface.normal)
     if interface.area > 0:
         areas = triangle_areas(interface.triangles)

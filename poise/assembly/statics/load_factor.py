@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.assembly.statics.block import Sparse
-from poise.assembly.statics.solvers import SOLVER_TOLERANCE, Cones, ConicProgram, Outcome
+from poise.assembly.statics.elimination import Elimination
+from poise.assembly.statics.pair_program import PairProgram, PairRows
+from poise.assembly.statics.solvers import Outcome
 from poise.types import Array
 
 UNLIMITED = 1e-7
@@ -44,24 +45,18 @@ class LoadFactorProgram:
     is kept, only the objective changes, and every y found is a bound for all other loads.
     """
 
-    def __init__(
-        self, matrix: Sparse, right: Array, cones: Cones, size: int, tolerance: float = SOLVER_TOLERANCE
-    ) -> None:
-        """Take rows A x <= b of y in K*, the first for gravity; x is y (size,) and whatever else the rows need."""
-        self._program = ConicProgram(matrix, right, cones, tolerance=tolerance)
-        self._objective = np.zeros(matrix.shape[1])
-        self.size = size
+    def __init__(self, rows: PairRows, tolerance: float, order: Elimination | None = None) -> None:
+        """Take the rows of y in K*; the shared one is for gravity. `order`: of elimination, where it is known."""
+        self._program = PairProgram(rows, tolerance, order)
 
-    def set_matrix(self, data: Array) -> None:
-        """Replace the stored entries of the rows.
+    def set_entries(self, entries: Array) -> None:
+        """Replace the entries of the rows, see `PairRows`."""
+        self._program.set_entries(entries)
 
-        Raises:
-            NoAnswerError: SOLVER_FAILED when one is not finite.
-        """
-        self._program.set_matrix(data)
-
-    def inverse_factor(self, load: Array) -> InverseLoadFactor:
+    def inverse_factor(self, load: Array, enough: float = 0.0) -> InverseLoadFactor:
         """InverseLoadFactor of a load (6 n,) in the block's units.
+
+        Where it is at most `enough`, its bounds need not be any closer.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
@@ -69,10 +64,8 @@ class LoadFactorProgram:
         size = float(np.abs(load).max())
         if size == 0:
             return InverseLoadFactor(0.0, 0.0, np.zeros_like(load))
-        self._objective[: self.size] = load / -size
-        solution = self._program.solve(self._objective)
-        twist = solution.x[: self.size]
-        if solution.outcome is Outcome.UNBOUNDED:
-            return InverseLoadFactor(np.inf, np.inf, twist / (twist @ load))
-        lower, upper = -solution.value * size, -solution.dual_value * size
-        return InverseLoadFactor(max(lower, 0.0), max(upper, lower, 0.0), twist, solution.z * size)
+        found = self._program.solve(load / size, enough / size)
+        if found.outcome is Outcome.UNBOUNDED:
+            return InverseLoadFactor(np.inf, np.inf, found.motion / (found.motion @ load))
+        lower, upper = found.value * size, found.upper * size
+        return InverseLoadFactor(max(lower, 0.0), max(upper, lower, 0.0), found.motion, found.multipliers * size)

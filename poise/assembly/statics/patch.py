@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_array, coo_array, csc_array
 
 from poise.assembly.contact import Interface
-from poise.assembly.statics.block import BlockGeometry, assembled
+from poise.assembly.statics.block import BlockGeometry
+from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.equilibrium import contact_forces
-from poise.assembly.statics.friction_surface import patch_friction
+from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor, LoadFactorProgram
-from poise.assembly.statics.solvers import Cones
+from poise.assembly.statics.pair_program import PairRows
 from poise.types import Array, Indices
 
 _PRESSED = 1e-6
@@ -20,6 +20,8 @@ _PRESSED = 1e-6
 # The centres of pressure are moved until friction about the old ones errs by this share of what turning resists,
 # at most this many times.
 _SETTLED, _MOVES = 0.05, 4
+_LOOKED_AT = 100
+"""Interfaces beyond a simple bound on friction whose limit surface is looked at."""
 # Inverse load factors this much above those of limit analysis are worth moving the centres for.
 _WEAKER = 1.01
 # In blocks of more interfaces than this, patches less than twice as long as wide are one cell (3 % instead of 1.5 %).
@@ -57,24 +59,24 @@ class PatchProgram:
     supplies are convex, and inverse load factors and cuts are those of limit analysis.
     """
 
-    def __init__(self, geometry: BlockGeometry, interfaces: Sequence[Interface]) -> None:
-        """Take a block and its interfaces in order.
+    def __init__(
+        self, geometry: BlockGeometry, interfaces: Sequence[Interface], order: Elimination | None = None
+    ) -> None:
+        """Take a block and its interfaces in order; `order`: in which its bodies are eliminated, where it is known.
 
         Raises:
             NoAnswerError: SOLVER_FAILED; UNSTABLE when the block does not stand.
         """
         self._geometry = geometry
-        self._cells, middles = _cells(geometry, interfaces)
+        self._frictions = [patch_friction(interface) for interface in interfaces]
+        self._cells, middles = _cells(geometry, interfaces, self._frictions)
         self._mu = np.array([interface.friction for interface in interfaces])
         self._reach = np.zeros(len(interfaces))
         self._reach[self._cells.interface] = self._cells.reach
         self._centres = self._pressed_at(contact_forces(geometry)[:, 0], middles)
-        self._matrix = self._rows(self._centres)
-        corners, count = len(geometry.points), len(self._cells.share)
-        self._right = np.zeros(self._matrix.shape[0])
-        self._right[0] = 1.0
-        self._cones = Cones(nonnegative=1 + corners, second_order=(4,) * count)
-        self.resting = LoadFactorProgram(self._matrix, self._right, self._cones, 6 * geometry.count, _TOLERANCE)
+        self._layout = _Layout.of(geometry, self._cells)
+        self._order = order or Elimination.of(geometry.supports, geometry.count)
+        self.resting = self._program(self._centres)
         """Inverse load factors with the centres of pressure as they are at rest (of the forces of thesis eq.
         4.12-4.15): convex, so that its cuts hold for all loads. Pushes that shift the centres across the friction that
         they cause have errors of some per cent, steep ones off centre larger errors (overestimated robustness)."""
@@ -85,7 +87,7 @@ class PatchProgram:
         """Whether friction spread like this holds the block at rest at all."""
         return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
-    def inverse_factor(self, load: Array, limit: InverseLoadFactor) -> InverseLoadFactor:
+    def inverse_factor(self, load: Array, limit: InverseLoadFactor, enough: float = 0.0) -> InverseLoadFactor:
         """Inverse load factor of a load (6 n,) with the centres of pressure where they are at collapse.
 
         Args:
@@ -93,14 +95,15 @@ class PatchProgram:
             limit: what limit analysis (of the same corners) says. It is returned when its forces are friction that
                 patches can have; where it is weaker anyway, the centres stay as they are at rest; otherwise its
                 normal forces are the first guess of where they move.
+            enough: inverse load factors of at most this need no close bounds.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
         if limit.multipliers is not None and self.allows(limit.multipliers):
             return limit
-        inverse, centres = self.resting.inverse_factor(load), self._centres
-        if limit.multipliers is None or inverse.value <= _WEAKER * limit.value + UNLIMITED:
+        inverse, centres = self.resting.inverse_factor(load, enough), self._centres
+        if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
             return inverse
         normal_forces = limit.multipliers[1::3]
         for _ in range(_MOVES):
@@ -108,9 +111,9 @@ class PatchProgram:
                 break
             centres = self._pressed_at(normal_forces, self._centres)
             if self._moving is None:
-                self._moving = LoadFactorProgram(self._matrix, self._right, self._cones, len(load), _TOLERANCE)
-            self._moving.set_matrix(self._entries(centres))
-            inverse = self._moving.inverse_factor(load)
+                self._moving = self._program(self._centres)
+            self._moving.set_entries(self._layout.entries(self._sliding(centres)))
+            inverse = self._moving.inverse_factor(load, enough)
             if inverse.multipliers is not None:
                 normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
         return inverse
@@ -121,18 +124,37 @@ class PatchProgram:
         A sufficient test: friction force over its limit, plus moment about the centre of pressure over its limit, is
         at most 1 (convexity of the limit surface).
         """
-        geometry, count = self._geometry, len(self._centres)
-        which, mu = geometry.interface, geometry.friction
-        normal = multipliers[1::3]
-        along, across = multipliers[2::3] * mu, multipliers[3::3] * mu
+        geometry = self._geometry
+        friction = multipliers[2::3] * geometry.friction, multipliers[3::3] * geometry.friction
+        return self.allows_at(self._plane, geometry.interface, multipliers[1::3], *friction)
+
+    def allows_at(self, plane: tuple[Array, Array], which: Indices, normal: Array, along: Array, across: Array) -> bool:
+        """The same of any forces.
+
+        Args:
+            plane: (P,), (P,) where they act, along the tangents of their interface, in the block's units.
+            which: (P,) their interface.
+            normal, along, across: (P,) normal forces, and friction along both tangents.
+        """
+        count, (u, v) = len(self._centres), plane
         total = np.bincount(which, normal, count)
         pressed = np.maximum(total, _PRESSED)
-        u, v = self._plane
         fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
         turn = np.bincount(which, u * across - v * along, count)
         lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
-        demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turn - lever / pressed)
-        return bool(np.all(demand <= self._mu * self._reach * total * (1 + 1e-4) + _PRESSED))
+        turning = turn - lever / pressed
+        demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turning)
+        over = np.flatnonzero(demand > self._mu * self._reach * total * (1 + 1e-4) + _PRESSED)
+        if not len(over) or len(over) > _LOOKED_AT:
+            return not len(over)
+        # Those that are not within the simple bound may still be within the limit surface.
+        for i in over.tolist():
+            friction = self._frictions[i]
+            moment = np.asarray(turning[i] * self._geometry.units.length / friction.size)
+            needed = friction.surface.normal_force_needed(np.array([fu[i], fv[i]]), moment)
+            if needed > self._mu[i] * total[i] * (1 + 1e-3) + _PRESSED:
+                return False
+        return True
 
     @cached_property
     def _plane(self) -> tuple[Array, Array]:
@@ -162,43 +184,86 @@ class PatchProgram:
         pressed = totals > _PRESSED
         return np.where(pressed[:, None], moments / np.where(pressed, totals, 1.0)[:, None], otherwise)
 
-    def _rows(self, centres: Array) -> csc_array:
-        """Rows of the program: gravity, the corners, the cells. Unknowns: twists, and a bound on each cell's speed."""
-        geometry, cells = self._geometry, self._cells
-        count = len(cells.share)
+    def _program(self, centres: Array) -> LoadFactorProgram:
+        """Unknowns: twists, and a bound on each cell's speed, which is of its interface alone."""
+        geometry, layout = self._geometry, self._layout
+        rows = PairRows(
+            geometry.supports,
+            geometry.count,
+            singles=layout.corners,
+            wides=layout.cells,
+            locals=layout.cells,
+            wide=4,
+            entries=layout.entries(self._sliding(centres)),
+            shared=-geometry.gravity.ravel(),
+            equal=False,
+        )
+        return LoadFactorProgram(rows, _TOLERANCE, self._order)
+
+    def _sliding(self, centres: Array) -> Array:
+        """(M, 3, 6) wrenches of unit friction at the cells: along both tangents, and turning."""
+        cells = self._cells
         points = centres[cells.interface] + cells.places
-        wrenches = np.zeros((count, 4, 6))
-        wrenches[:, 1:3, :3] = cells.axes
-        wrenches[:, 1:3, 3:] = np.cross(points[:, None], cells.axes)
-        wrenches[:, 3, 3:] = cells.turning
-        bodies = geometry.supports[cells.interface]
-        sliding = -assembled(wrenches, bodies, geometry.count).T
-        at = np.arange(count)
-        bounds = coo_array((-np.ones(count), (4 * at, at)), shape=(4 * count, count))
-        costs = (geometry.interface[:, None] == cells.interface) * cells.share
-        gravity, opening = -csc_array(geometry.gravity.reshape(1, -1)), -geometry.grasp[:, ::3].T
-        rows = [[gravity, None], [opening, csc_array(costs)], [sliding, bounds]]
-        return block_array(rows, format="csc")
-
-    @cached_property
-    def _affine(self) -> tuple[Array, Array, Indices]:
-        """Stored entries of `_rows` at 0, their slopes (nnz, 3), and the interface whose centre each depends on."""
-        zero = np.zeros_like(self._centres)
-        base = self._rows(zero)
-        slopes = [self._rows(zero + unit).data - base.data for unit in np.eye(3)]
-        cell = np.maximum(base.indices - 1 - len(self._geometry.points), 0) // 4
-        return base.data, np.stack(slopes, axis=1), self._cells.interface[cell]
-
-    def _entries(self, centres: Array) -> Array:
-        """The stored entries of `_rows(centres)`, which are affine in the centres."""
-        data, slopes, owner = self._affine
-        return np.asarray(data + np.einsum("ij,ij->i", slopes, centres[owner]))
+        wrenches = np.zeros((len(cells.share), 3, 6))
+        wrenches[:, :2, :3] = cells.axes
+        wrenches[:, :2, 3:] = np.cross(points[:, None], cells.axes)
+        wrenches[:, 2, 3:] = cells.turning
+        return wrenches
 
 
-def _cells(geometry: BlockGeometry, interfaces: Sequence[Interface]) -> tuple[_Cells, Array]:
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Where the rows of patches are in `PairRows.entries`: of each interface its corners, then four rows per cell.
+
+    Args:
+        corners, cells: (I,) of each interface.
+        plain: (E,) entries without those that depend on the centres of pressure.
+        motions: (M, 3, 6) where these are.
+    """
+
+    corners: Indices
+    cells: Indices
+    plain: Array
+    motions: Indices
+
+    @classmethod
+    def of(cls, geometry: BlockGeometry, cells: _Cells) -> "_Layout":
+        """Lay out the corners and cells of a block: a corner opens faster than its interface's cells cost."""
+        number = len(geometry.supports)
+        corners = np.bincount(geometry.interface, minlength=number).astype(np.int64)
+        counts = np.bincount(cells.interface, minlength=number).astype(np.int64)
+        width = 6 + counts
+        begin = np.concatenate([[0], np.cumsum((corners + 4 * counts) * width)]).astype(np.int64)
+        plain = np.zeros(begin[-1])
+        which, cell_of = geometry.interface, cells.interface
+        within_cells = np.arange(len(cell_of)) - (np.cumsum(counts) - counts)[cell_of]
+        within_corners = np.arange(len(which)) - (np.cumsum(corners) - corners)[which]
+        row = begin[which] + within_corners * width[which]
+        normals = geometry.frames[:, 0]
+        opening = np.concatenate([normals, np.cross(geometry.points, normals)], axis=1)
+        plain[row[:, None] + np.arange(6)] = -opening
+        # Every corner of an interface bears the friction of all its cells.
+        owner = np.repeat(np.arange(len(which)), counts[which])
+        first = (np.cumsum(counts) - counts)[which]
+        cell = np.arange(len(owner)) - (np.cumsum(counts[which]) - counts[which])[owner]
+        plain[row[owner] + 6 + cell] = cells.share[first[owner] + cell]
+        head = begin[cell_of] + (corners[cell_of] + 4 * within_cells) * width[cell_of]
+        plain[head + 6 + within_cells] = -1.0
+        motions = head[:, None] + (1 + np.arange(3)) * width[cell_of][:, None]
+        return cls(corners, counts, plain, motions[:, :, None] + np.arange(6))
+
+    def entries(self, sliding: Array) -> Array:
+        """(E,) with the wrenches (M, 3, 6) of friction at the cells."""
+        entries = self.plain.copy()
+        entries[self.motions] = -sliding
+        return entries
+
+
+def _cells(
+    geometry: BlockGeometry, interfaces: Sequence[Interface], frictions: Sequence[PatchFriction]
+) -> tuple[_Cells, Array]:
     """The cells of all interfaces, and the centroids (I, 3) of these, in the block's units."""
     units = geometry.units
-    frictions = [patch_friction(interface) for interface in interfaces]
     sizes = [friction.size / units.length for friction in frictions]
     coarse = _COMPACT if len(interfaces) > _MANY else 0.0
     parts = [friction.surface.cells(coarse) for friction in frictions]

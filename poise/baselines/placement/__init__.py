@@ -1,6 +1,6 @@
 """Shared code of the placement planners for comparison.
 
-- `engine`, `pieces`: an assembly in MuJoCo, its solids cut into convex pieces. `dropping`: objects that come to rest.
+- `engine`: an assembly in MuJoCo. `dropping`: objects that come to rest.
 - `trials`: tests of sampled poses one by one.
 """
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
-from poise.baselines.placement.pieces import convex_pieces
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, quaternion_of_rotation
 from poise.types import Array
+from poise.worlds import convex_pieces
 
 _STIFF = (0.004, 1.0)
 """Time constant, s, and damping ratio of contacts."""

@@ -7,10 +7,28 @@
 
 from functools import cache
 
-from poise.exporting.models.base import JointChange, LinkLoad, ModelChanges, ModelExporter
+from poise.exporting.models.base import (
+    DriveChange,
+    JointChange,
+    LinkLoad,
+    ModelChanges,
+    ModelExporter,
+    SensorChange,
+    WrittenModel,
+)
 from poise.registry import entries_of, entry_called
 
-__all__ = ["JointChange", "LinkLoad", "ModelChanges", "ModelExporter", "all_model_exporters", "model_exporter_of"]
+__all__ = [
+    "DriveChange",
+    "JointChange",
+    "LinkLoad",
+    "ModelChanges",
+    "ModelExporter",
+    "SensorChange",
+    "WrittenModel",
+    "all_model_exporters",
+    "model_exporter_of",
+]
 
 
 @cache

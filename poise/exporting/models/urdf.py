@@ -1,7 +1,7 @@
 """URDF (http://wiki.ros.org/urdf/XML/joint): `dynamics` of the joints, `inertial` of the payload's link."""
 
 from poise.exporting import urdf_inertial
-from poise.exporting.models.base import ModelChanges, ModelExporter
+from poise.exporting.models.base import ModelChanges, ModelExporter, WrittenModel
 from poise.exporting.models.names import found_by_name
 from poise.exporting.models.xml_text import XmlText
 
@@ -11,9 +11,9 @@ class UrdfModelExporter(ModelExporter):
 
     kind = "urdf"
     summary = "URDF: dynamics (friction, damping) of the joints, the inertial of the payload's link"
-    omits = ("armature",)
+    omits = ("armature", "gain", "rate_gain", "delay", "sensor_turn", "sensor_limit", "sensor_delay", "sensor_noise")
 
-    def written(self, changes: ModelChanges, source: bytes) -> bytes:
+    def written(self, changes: ModelChanges, source: bytes) -> WrittenModel:
         """See `ModelExporter`."""
         text = XmlText(source, "robot")
         for joint, change in changes.joints.items():
@@ -28,4 +28,4 @@ class UrdfModelExporter(ModelExporter):
         if changes.payload is not None:
             link = found_by_name(text.root.children, "link", changes.payload.link)
             text.put_child(link, urdf_inertial(changes.payload.parameters))
-        return text.changed(changes.remark)
+        return WrittenModel(text.changed(changes.remark), changes.left_out)

@@ -55,6 +55,7 @@ class XmlText:
     def __init__(self, source: bytes, root: str) -> None:
         self._source = source
         self._edits: list[tuple[int, int, bytes]] = []
+        self._tags: dict[int, bytes] = {}
         if len(source) > _MAX_BYTES:
             raise InputError(ErrorCode.BAD_INPUT, f"the model has more than {_MAX_BYTES} bytes")
         if b"\0" in source:
@@ -66,12 +67,20 @@ class XmlText:
         if self.root.name != root:
             raise InputError(ErrorCode.BAD_INPUT, f"the root element is <{self.root.name}>, expected <{root}>")
 
-    def set_attributes(self, element: XmlElement, values: dict[str, str]) -> None:
-        """Give an element attributes; those that it has keep their places."""
-        tag = self._source[element.start : element.inside]
+    def set_attributes(self, element: XmlElement, values: dict[str, str], without: tuple[str, ...] = ()) -> None:
+        """Give an element attributes; those that it has keep their places; some are taken out."""
+        tag = self._tags.get(id(element), self._source[element.start : element.inside])
+        for name in without:
+            tag = _with_attribute(tag, name.encode(), b"")
         for name, value in values.items():
             tag = _with_attribute(tag, name.encode(), f"{name}={quoteattr(value)}".encode())
+        self._tags[id(element)] = tag
+        self._edits = [each for each in self._edits if each[:2] != (element.start, element.inside)]
         self._edits.append((element.start, element.inside, tag))
+
+    def between(self, element: XmlElement) -> str:
+        """The text between the tags of an element."""
+        return self._source[element.inside : element.stop].decode("utf-8")
 
     def set_text(self, element: XmlElement, text: str) -> None:
         """Replace what is between the tags of an element."""
@@ -146,6 +155,8 @@ def _with_attribute(tag: bytes, name: bytes, given: bytes) -> bytes:
     for found in _ATTRIBUTE.finditer(tag):
         if found[1] == name:
             return tag[: found.start()] + given + tag[found.end() :]
+    if not given:
+        return tag
     return re.sub(rb"\s*(/?>)$", lambda end: b" " + given + end[1], tag)
 
 

@@ -1,19 +1,21 @@
 """Every hypothesis solved on its own, and their answers averaged by how well they predict the samples."""
 
-import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.inertia.bayes.curvature import ANY_MASS, curved_covariance
 from poise.inertia.bayes.first_guess import EXPECTED
 from poise.inertia.bayes.hypotheses import Hypotheses
-from poise.inertia.bayes.mass_model import MassModel, compiled_hypotheses
+from poise.inertia.bayes.mass_model import MassModel, compiled_search
 from poise.inertia.bayes.sensor_bias import WithoutBias
 from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
 from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
-from poise.kernels import COMPILED, evidence
+from poise.kernels import COMPILED, CompiledSearch
 from poise.types import Array, Indices
 
 _LARGEST_FALL = 0.8
@@ -102,12 +104,12 @@ class ModelAverage:
         if model.likeness is not None:
             self._root[: model.n_parts, : model.n_parts] = np.linalg.cholesky(model.likeness)
         self._unrooted: Array = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T.astype(np.float64)
-        self._kernel = None
+        self.kernel: CompiledSearch | None = None
         if COMPILED:
-            self._kernel = compiled_hypotheses(model, self._guess, self._root, self._unrooted, self._scale, ANY_MASS)
+            self.kernel = compiled_search(model, self._guess, self._root, self._unrooted, self._scale, ANY_MASS)
         self.consider()
 
-    @property
+    @cached_property
     def first_phi(self) -> Array:
         """(10,) of the body that the search starts from, in the sensor frame."""
         return np.asarray(self.model.to_sensor @ self.model.evaluate(self._guess[None])[0][0])
@@ -115,6 +117,18 @@ class ModelAverage:
     def consider(self, *cases: int) -> None:
         """Look at these hypotheses only, or at all of them again when none is named."""
         self._left = np.array(cases or range(len(self.hypotheses)), dtype=np.int64)
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What the compiled search is given of the hypotheses."""
+        names = ("state_variances", "bias_variances", "log_probability", "bias_case", "twins", "scouts")
+        given = {name: getattr(self.hypotheses, name) for name in names}
+        return given | {"to_sensor": self.model.to_sensor, "starts": self._starts, "first_phi": self.first_phi}
+
+    @property
+    def states(self) -> Array:
+        """(H, n) where the search begins, or has got to."""
+        return self._states
 
     def refine(
         self, normals: NormalEquations, likelihood: Callable[[Array, Indices], Array], effort: SolverEffort
@@ -145,9 +159,6 @@ class ModelAverage:
         """The last answer, with a covariance that holds where the model is not linear."""
         found = self._answer
         variances = self.hypotheses.state_variances[found.left]
-        if self._kernel is not None:
-            inner = self._kernel.curved(found.states, variances, found.case, found.reduced.information)
-            return self._posterior(found, inner)
         to_states = self._root * np.sqrt(variances)[:, None]
         inner = curved_covariance(
             self._linearised, self.model.n_parts, found.states, to_states, found.reduced.information[found.case]
@@ -190,9 +201,6 @@ class ModelAverage:
         full[:, :10, :10] = root @ root.swapaxes(1, 2)
         mean = np.zeros((len(states), N_UNKNOWNS))
         mean[:, :10] = phi + apply(jacobian, self._guess - states)
-        if COMPILED:
-            log, step = evidence(scaled.information, scaled.vector, full, mean)
-            return log, (mean[:, None] + step) @ self._to_sensor().T
         gradient = scaled.vector - (scaled.information @ mean[:, None, :, None])[..., 0]  # (B, L, 16)
         system = _IDENTITY + full[:, None] @ scaled.information
         step = solve(system, (gradient @ full)[..., None])[..., 0]
@@ -220,9 +228,6 @@ class ModelAverage:
         self, states: Array, variances: Array, reduced: WithoutBias, case: Indices, effort: SolverEffort
     ) -> tuple[Array, Array, Array, Array]:
         """What `_climb` arrives at: (H, n) states, (H, 10) phi, (H,) penalty, (H,) log |1 + C H|."""
-        if self._kernel is not None:
-            reach = effort.tolerance, effort.max_iterations
-            return self._kernel.climb(states, variances, case, reduced.information, reduced.vector, *reach)
         mode = self._climb(states, variances, reduced, case, effort)
         root = self._linearised(mode.states)[1] @ self._spread(variances)
         system, scale = seen_through(root, reduced.information[case])
@@ -305,8 +310,6 @@ class ModelAverage:
 
     def _linearised(self, states: Array) -> tuple[Array, Array]:
         """(H, 10) phi and (H, 10, n) its derivative, in units of the guessed mass."""
-        if self._kernel is not None:
-            return self._kernel.evaluate(states)
         phi, jacobian = self.model.evaluate(states)
         return phi / self._scale, jacobian / self._scale
 
@@ -319,9 +322,6 @@ class ModelAverage:
     def _narrowed(self, states: Array, informations: Array, case: Indices) -> Array:
         """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
         variances = self.hypotheses.state_variances[self._left]
-        if self._kernel is not None:
-            with contextlib.suppress(np.linalg.LinAlgError):
-                return self._kernel.narrowed(states, variances, case, informations)
         information = informations[case]
         root = self._linearised(states)[1] @ self._spread(variances)
         back = root.swapaxes(1, 2)

@@ -259,30 +259,29 @@ def away_from_contact(free: Mask) -> Mask:
     return inner if inner.sum() >= _LEAST_BLOCKS else free
 
 
-def in_contact(check: MeanCheck, rejected: Mask, unknowns: Array, rival: float | None) -> EstimateFinding | None:
+def in_contact(sizes: NDArray[np.int64], touched: Mask, mass: float, rival: float | None) -> EstimateFinding | None:
     """The finding that something else touched the payload for a notable share of the samples.
 
     A block counts if its mean does not fit the payload. Blocks that were rejected because the arm shook do not count.
 
     Args:
-        check: of all blocks against the answer.
-        rejected: (B,) the blocks that were not used.
-        unknowns: (16,) the answer.
+        sizes: (B,) samples of all blocks.
+        touched: (B,) the blocks that were not used, and whose means are beyond `LIMIT`.
+        mass: kg, of the answer.
         rival: see `ConsistentPart`.
     """
-    touched = rejected & (check.distances(unknowns) > LIMIT)
-    share = float(check.sizes[touched].sum() / check.sizes.sum())
+    share = float(sizes[touched].sum() / sizes.sum())
     if share < NOTABLE and rival is None:
         return None
     starts = np.flatnonzero(np.diff(touched, prepend=False) & touched)
-    evidence = {"share": share, "spans": float(len(starts)), "mass": float(unknowns[0])}
+    evidence = {"share": share, "spans": float(len(starts)), "mass": mass}
     sentence = f"something else touched the payload for {100 * share:.0f} % of the samples, which were left out"
     if rival is None:
         advice = "; weigh again without contact if more accuracy is needed"
     else:
         evidence["other_mass"] = rival
         advice = (
-            f", or the payload changed: a payload of {unknowns[0]:.4f} kg explains one part of the samples and one of"
+            f", or the payload changed: a payload of {mass:.4f} kg explains one part of the samples and one of"
             f" {rival:.4f} kg another part, and the samples do not decide between them: weigh again without contact"
         )
     return EstimateFinding(ErrorCode.IN_CONTACT, sentence + advice, evidence)

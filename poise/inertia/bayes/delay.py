@@ -51,13 +51,21 @@ class LagGrid:
         self.lags = self.nanoseconds * 1e-9
         self.about = float(self.lags[steps])
         self._step = step
-        fine, self._smooth = _fine_grid(steps)
-        self._fine = fine * step + self.about
-        self._log_prior = -((self._fine / PRIOR_SPREAD) ** 2) / 2
-        self._powers = (fine * step) ** np.arange(3)[:, None]
+        self._smooth, self._powers, self._log_prior = _fine_grid(steps, step, self.about)
 
     def __len__(self) -> int:
         return len(self.lags)
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What the compiled search is given of the grid: (F, L) the map to the fine delays, and these, (F,)."""
+        return {"smooth": self._smooth, "beyond": self._powers[1]}
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same, s."""
+        first = float(self.lags[0])
+        return {"first_lag": first, "lag_step": self._step, "about": self.about, "prior_spread": PRIOR_SPREAD}
 
     def weights(self, delays: ArrayLike) -> Array:
         """(..., L) with which quantities at the lags add up to those at delays (...,): parabolas through three lags."""
@@ -76,17 +84,25 @@ class LagGrid:
         most = float(log.max())
         probability = np.exp(log - most)
         total, first, second = (float(sum_) for sum_ in self._powers @ probability)
-        step = float(self._fine[1] - self._fine[0])
+        step = float(self._powers[1, 1] - self._powers[1, 0])
         beyond = first / total  # from the middle of the lags
         std = math.sqrt(max(second / total - beyond**2, 0.0) + step**2 / 12)
         mean = self.about + beyond
-        at_mean = float(np.interp(mean, self._fine, smooth))
+        at_mean = float(np.interp(beyond, self._powers[1], smooth))
         norm = step / (math.sqrt(2 * math.pi) * PRIOR_SPREAD)
         return Delay(mean, std, math.log(total * norm) + most - at_mean)
 
 
+@functools.lru_cache(maxsize=64)
+def _fine_grid(steps: int, step: float, about: float) -> tuple[Array, Array, Array]:
+    """See `_polynomial`, then (3, F) powers of the fine delays (s, from `about`), and (F,) the log of their prior."""
+    fine, smooth = _polynomial(steps)
+    beyond = fine * step
+    return smooth, beyond ** np.arange(3)[:, None], -(((about + beyond) / PRIOR_SPREAD) ** 2) / 2
+
+
 @functools.cache
-def _fine_grid(steps: int) -> tuple[Array, Array]:
+def _polynomial(steps: int) -> tuple[Array, Array]:
     """(F,) delays in steps, and the (F, L) map from values at the lags to the polynomial through them."""
     if steps == 0:
         return np.zeros(1), np.ones((1, 1))

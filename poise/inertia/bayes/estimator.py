@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
-from poise.inertia.bayes.consistent_part import ConsistentPart, away_from_contact, in_contact
+from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, away_from_contact, in_contact
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
 from poise.inertia.bayes.expectation import Expectation
 from poise.inertia.bayes.findings import (
@@ -292,11 +292,12 @@ class PoiseEstimator:
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
+        touched = ~keep & (search.distances > LIMIT)
         findings = [
             nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0])), self.noise.force),
             wrong_shape(doubt),
             zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity)), self.noise.wrench),
-            in_contact(search.judged, ~keep, unknowns, None if part is None else part.rival),
+            in_contact(blocks.sizes, touched, float(unknowns[0]), None if part is None else part.rival),
         ]
         estimated = len(self._grid) > 1
         solution = BayesSolution(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.inertia.model import UPPER, phi_of_pseudo_inertia, pseudo_inertia
-from poise.kernels import CompiledHypotheses
+from poise.kernels import CompiledSearch
 from poise.types import Array
 
 N_DEFORMATIONS = 9
@@ -137,12 +137,12 @@ class MassModel:
         return jacobian[:, :n_parts].sum(axis=1), jacobian.swapaxes(1, 2)
 
 
-def compiled_hypotheses(
+def compiled_search(
     model: MassModel, guess: Array, root: Array, unrooted: Array, scale: float, any_mass: float
-) -> CompiledHypotheses:
+) -> CompiledSearch:
     """The kernel for a model; see `ModelAverage` for the prior that the other arguments describe."""
     parts = slice(model.n_parts)
-    return CompiledHypotheses(
+    return CompiledSearch(
         halvings=model.halvings,
         scale=scale,
         any_mass=any_mass,

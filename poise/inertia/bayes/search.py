@@ -1,8 +1,10 @@
 """Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
@@ -18,8 +20,9 @@ from poise.inertia.bayes.lasting import (
     neighbour_correlation,
     variance_of_sum,
 )
-from poise.inertia.bayes.outliers import UNLIKELY, mean_excess, residuals, sample_excess, slow_excess
+from poise.inertia.bayes.outliers import UNLIKELY, Residuals, mean_excess, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
+    ENTRIES,
     N_MOTION,
     NoiseLevels,
     NormalEquations,
@@ -29,6 +32,7 @@ from poise.inertia.model import (
     normal_equations,
     residual_covariance,
 )
+from poise.kernels import CompiledSearch
 from poise.types import Array, Indices, Mask
 
 _COARSE, _FINE = SolverEffort(0.1, 10, 0.0), SolverEffort(0.003, 25, 1e-4)
@@ -96,6 +100,8 @@ class PosteriorSearch:
 
     def run(self) -> "PosteriorSearch":
         """Go round until nothing moves any more."""
+        if self.average.kernel is not None:
+            return self._run_compiled(self.average.kernel)
         normals = self._normals()
         self._find_delays(normals, None)
         self.posterior = self._solve(normals, _COARSE)
@@ -112,6 +118,34 @@ class PosteriorSearch:
             self._compare()
         self._allow_for_residuals()
         self.posterior = self.average.with_curvature()
+        return self
+
+    @property
+    def kernel_arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that the compiled search is given."""
+        names = ("moments", "counts", "sizes", "start", "end")
+        given = {name: getattr(self.blocks, name) for name in names} | self.grid.arrays | self.average.arrays
+        return given | {"free": self._free, "variances": self.noise.wrench**2, "entries": ENTRIES}
+
+    @property
+    def kernel_numbers(self) -> dict[str, float]:
+        """The numbers that it is given."""
+        noise = self.noise
+        return self.grid.numbers | {"linear": noise.linear_acceleration, "angular": noise.angular_acceleration}
+
+    def _run_compiled(self, kernel: CompiledSearch) -> "PosteriorSearch":
+        """The same by the kernel."""
+        answer = kernel.run(self.average.states, self.kernel_arrays, self.kernel_numbers)
+        cases = self.average.hypotheses.bias_case[answer.left]
+        found = answer.unknowns, answer.covariance, answer.states, answer.left, cases, answer.log_weights
+        self.posterior, self._phi = Posterior(*found), answer.unknowns[:10]
+        self._delays = [Delay(*map(float, delay)) for delay in answer.delays]
+        self._drifts, self._shares, self._at_delay = answer.drifts, answer.shares, answer.at_delay
+        self.keep, self._sample, self.slow = answer.keep, answer.sample, answer.slow
+        self._total, self._residual_covariance = answer.total, answer.residual
+        self._normal = NormalEquations(answer.information, answer.vector)
+        ratios = answer.variance_ratio, answer.mean_ratio
+        self.found = Residuals(answer.surprise, *ratios, answer.squares, answer.means)
         return self
 
     @property
@@ -171,10 +205,14 @@ class PosteriorSearch:
         """The means of all blocks against the answer."""
         return MeanCheck(self.found.means, self.blocks.sizes, self.noise)
 
+    @cached_property
+    def distances(self) -> Array:
+        """(B,) of these means from the answer, see `MeanCheck`."""
+        return self.judged.distances(self.posterior.unknowns)
+
     def consistent_part(self) -> ConsistentPart | None:
         """The blocks that one payload explains, if the answer does not explain nearly all; see there."""
-        check, unknowns = self.judged, self.posterior.unknowns
-        distances = check.distances(unknowns)
+        check, unknowns, distances = self.judged, self.posterior.unknowns, self.distances
         if not check.doubted(distances):
             return None
         moments = self.blocks.mixed(self._at_delay)
@@ -204,7 +242,6 @@ class PosteriorSearch:
     def _normals(self) -> NormalEquations:
         """At all lags, weighted by the last answer."""
         self._total = self.blocks.moments[self.keep].sum(axis=0)
-        self._count = int(self.blocks.sizes[self.keep].sum())
         counts = self.blocks.counts[self.keep].sum(axis=0)
         self._residual_covariance = residual_covariance(self._phi, self.noise, self._sample * self.slow)
         return normal_equations(self._total, counts, self._residual_covariance, self.noise)

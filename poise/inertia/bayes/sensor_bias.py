@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.inertia.model import N_UNKNOWNS, NormalEquations
-from poise.kernels import COMPILED, bias_taken_out
 from poise.types import Array
 
 
@@ -34,10 +33,6 @@ class WithoutBias:
     @classmethod
     def of(cls, normals: NormalEquations, variances: Array) -> "WithoutBias":
         """From normal equations (B, 16, 16), (B, 16) and prior variances (B, 6), which may be zero."""
-        if COMPILED:
-            information, vector, *rest = bias_taken_out(normals.information, normals.vector, variances)
-            covariance, mean, slope, determinant = rest
-            return cls(information, vector, variances, covariance, mean, slope, determinant)
         cross, own = normals.information[:, 10:, :10], normals.information[:, 10:, 10:]
         prior = variances[:, :, None] * np.eye(6)
         system = np.eye(6) + prior @ own

@@ -16,7 +16,7 @@ from poise.geometry import cross_matrix
 from poise.inertia.model.parameters import UPPER
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.model.wrench_regressor import regressor
-from poise.kernels import COMPILED, sums_likelihood, weighed_sums
+from poise.kernels import COMPILED, weighed_sums
 from poise.types import Array
 
 N_MOTION = 13
@@ -204,11 +204,6 @@ def log_likelihood(moments: Array, unknowns: Array, noise: NoiseLevels, inflatio
         unknowns: (H, 16).
         noise, inflation: as in `residual_covariance`.
     """
-    if COMPILED:
-        sums = moments.reshape(-1, N_SIGNALS, N_SIGNALS)
-        which = np.arange(len(unknowns)) if moments.ndim > 2 else np.zeros(len(unknowns), dtype=np.int64)
-        motion = np.array([noise.linear_acceleration, noise.angular_acceleration])
-        return sums_likelihood(sums, which, unknowns, ENTRIES, noise.wrench**2 * np.repeat(inflation, 3), motion)
     squares, _ = residual_moments(moments, unknowns)
     weighted = np.linalg.solve(residual_covariance(unknowns[:, :10], noise, inflation), squares)
     return np.asarray(-np.trace(weighted, axis1=1, axis2=2) / 2)

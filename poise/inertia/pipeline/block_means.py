@@ -32,6 +32,9 @@ _MOST_LAGS, _MOST_CORRELATED = 10, 20.0
 _MEDIAN_OF_SQUARE, MEDIAN_OF_SIX = 0.4549, 5.348
 """Medians of chi-square with one and with six degrees of freedom."""
 
+_ACCURACY = 0.005
+"""Share of the variation of the wrench by which a sensor errs; short spans do not show it."""
+
 _ROUGH = 5.0
 """Times the usual scale that errors may have in two seconds; a heavier load has larger ones."""
 
@@ -305,5 +308,7 @@ def _scatter(blocks: BlockMeans, residual: Array) -> Array:
     for kind in kinds:
         for group, rows in enumerate((slice(0, 3), slice(3, 6))):
             usual = float(np.median(residual[kind, rows] ** 2)) / _MEDIAN_OF_SQUARE
-            scale[kind, rows] = max(np.sqrt(usual), blocks.floor[group])
+            about = blocks.wrench[kind, rows] - np.median(blocks.wrench[kind, rows], axis=0)
+            varied = float(np.sqrt(np.mean(about**2)))
+            scale[kind, rows] = max(np.sqrt(usual), blocks.floor[group], _ACCURACY * varied)
     return scale

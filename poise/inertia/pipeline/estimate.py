@@ -17,6 +17,7 @@ from poise.inertia.model import (
     about_com_jacobian,
 )
 from poise.inertia.verdict import FitSamples, FitVerdict
+from poise.notebooks import html_table
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -240,3 +241,21 @@ class Identification:
 
     def __repr__(self) -> str:
         return f"Identification({self.estimate!r}, motion from {self.source})"
+
+    def _repr_html_(self) -> str:
+        """Values with one standard deviation and the findings, for notebooks."""
+        estimate = self.estimate
+        inertia = zip(
+            ("xx", "xy", "xz", "yy", "yz", "zz"), estimate.parameters.inertia_vector, estimate.inertia_std, strict=True
+        )
+        rows = [("mass", f"{estimate.parameters.mass:.4f}", f"{estimate.mass_std:.2g}", "kg")]
+        com = zip("xyz", 1e3 * estimate.parameters.com, 1e3 * estimate.com_std, strict=True)
+        rows += [(f"centre of mass {axis}", f"{value:.2f}", f"{spread:.2g}", "mm") for axis, value, spread in com]
+        rows += [
+            (f"inertia {axes}", f"{1e3 * value:.3f}", f"{1e3 * spread:.2g}", "10⁻³ kg m²")
+            for axes, value, spread in inertia
+        ]
+        caption = f"Payload in the axes of {estimate.frame_id}, {estimate.method}, {estimate.n_samples} samples"
+        return html_table(
+            caption, ("", "value", "one sigma", "unit"), rows, [each.message for each in estimate.findings]
+        )

@@ -21,6 +21,7 @@ from poise.robot import (
     ImuSource,
     Kinematics,
     LiveImu,
+    MotionSource,
     PairingSettings,
     RobotModel,
     find_imu,
@@ -125,7 +126,24 @@ def identify_wrenches(
         if keep_history and not is_last:
             _note(history, estimator)
         progress((number + 1) / len(pieces))
-    return _answered(paired, tuple(history), estimator)
+    try:
+        return _answered(paired, tuple(history), estimator)
+    except NoAnswerError as error:
+        if lacking := _without_overlap(wrench, kinematics.source):
+            raise NoAnswerError(error.code, f"{error.message}: {lacking}", **error.data) from error
+        raise
+
+
+def _without_overlap(wrench: WrenchStream, source: MotionSource) -> str:
+    """The sentence about two streams of which one ends before the other begins; "" where they overlap."""
+    newest = source.newest
+    moved = source.stamps(0, newest) if newest is not None else wrench.stamps
+    if not len(moved) or not len(wrench):
+        return ""
+    apart = 1e-9 * float(max(wrench.stamps[0] - moved[-1], moved[0] - wrench.stamps[-1]))
+    if apart <= 0:
+        return ""
+    return f"wrench and motion do not overlap, {apart:.3g} s lie between them: are their clocks the same?"
 
 
 def _answered(

@@ -33,6 +33,10 @@ _LEAST_CHANGE, _LEAST_SHARE, _SURELY = 0.01, 0.03, 5.0
 _EXPLAINED = 0.7
 """Share of the blocks of a segment that one payload has to explain."""
 
+_CLOSE = 0.05
+"""Share of the change of the wrench that may be left of a block that counts as explained: sensors are good to a percent
+or two, and the error of a heavy load is far above the noise."""
+
 _LEFT, _ROUGHER = 0.25, 2.5
 """Share of the change of the wrench that a payload may leave unexplained in the segments beside it; and what it may
 leave in any case, in units of what payloads of their own leave of two seconds each."""
@@ -295,13 +299,20 @@ class _Search:
             self.fit = self._fitted(self.edges)
 
     def _change(self, number: int) -> float:
-        """How much the mass changes, in units of what counts."""
+        """How much the mass changes, in units of what counts; 0 where no payload has one of the masses."""
         masses = self.fit.unknowns[: 10 * len(self.edges) + 10 : 10]
+        if self._is_lifted(number) or self._is_lifted(number + 1):
+            return 0.0
         contrast = np.zeros(len(self.fit.unknowns))
         contrast[[10 * number, 10 * number + 10]] = -1.0, 1.0
         deviation = np.sqrt(float(contrast @ self.fit.covariance @ contrast) * self.fit.correlated)
         least = max(_LEAST_CHANGE, _LEAST_SHARE * float(np.abs(masses[number : number + 2]).max()), _SURELY * deviation)
         return abs(float(contrast @ self.fit.unknowns)) / float(least)
+
+    def _is_lifted(self, label: int) -> bool:
+        """The mass of a segment is negative: something else carries the load there."""
+        mass, variance = self.fit.unknowns[10 * label], self.fit.covariance[10 * label, 10 * label]
+        return bool(mass < -max(_LEAST_CHANGE, _SURELY * float(np.sqrt(variance * self.fit.correlated))))
 
     def _is_explained(self, number: int) -> bool:
         """A payload each explains most blocks of the two segments beside a change, but for those of the transition."""
@@ -311,15 +322,15 @@ class _Search:
         )
         for label in (number, number + 1):
             own = (labels == label) & inside
-            kept = own & self.fit.keep
+            effect = np.sum((self.blocks.matrix @ step / self._scale) ** 2, axis=1)
+            left = np.sum((self.fit.residual / self._scale) ** 2, axis=1)
+            kept = own & (self.fit.keep | (left < _CLOSE**2 * effect))
             if kept.sum() < max(_LEAST_BLOCKS, _EXPLAINED * own.sum()):
                 return False
             least = _LEAST_BETWEEN if 0 < label < len(self.edges) else _LEAST_SPAN
             if self.blocks.end[kept][-1] - self.blocks.start[kept][0] < least:
                 return False
-            effect = np.sum((self.blocks.matrix[own] @ step / self._scale[own]) ** 2, axis=1)
-            left = np.sum((self.fit.residual[own] / self._scale[own]) ** 2, axis=1)
-            if np.median(left) > max(_LEFT**2 * float(np.median(effect)), _ROUGHER**2 * MEDIAN_OF_SIX):
+            if np.median(left[own]) > max(_LEFT**2 * float(np.median(effect[own])), _ROUGHER**2 * MEDIAN_OF_SIX):
                 return False
         return True
 

@@ -12,7 +12,7 @@ from poise.inertia.pipeline.block_means import BlockMeans, block_means
 from poise.inertia.pipeline.estimate import InertialEstimate, PayloadSegment
 from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.online import OnlineEstimator
-from poise.inertia.pipeline.payload_changes import find_changes
+from poise.inertia.pipeline.payload_changes import PayloadChanges, find_changes
 from poise.robot import USED, PairingReasons, SensorMotion
 from poise.types import Array, Mask, Stamps
 
@@ -71,7 +71,7 @@ def weigh_segments(
         method: of estimation; a segment that it cannot weigh is weighed by the default one.
 
     Returns:
-        The segments in the order of time; none where the payload did not change.
+        The segments in the order of time; none where the payload did not change, or where one of them is no payload.
     """
     used = samples.reasons == USED
     if not used.any():
@@ -82,8 +82,20 @@ def weigh_segments(
     changes = find_changes(blocks)
     if changes is None:
         return ()
-    if changes.slope is not None:
-        return _leaking(samples, blocks, changes.slope, changes.log_odds[0], estimator, method)
+    try:
+        if changes.slope is not None:
+            return _leaking(samples, blocks, changes.slope, changes.log_odds[0], estimator, method)
+        return _weighed_each(samples, blocks, changes, estimator, method)
+    except NoAnswerError:  # in a part of the recording, no payload has the wrench
+        if whole is None:
+            raise
+        return ()
+
+
+def _weighed_each(
+    samples: PairedSamples, blocks: BlockMeans, changes: PayloadChanges, estimator: OnlineEstimator, method: str
+) -> tuple[PayloadSegment, ...]:
+    """Every segment between changes."""
     found: list[PayloadSegment] = []
     for number in range(changes.count):
         own = np.flatnonzero(changes.labels == number)

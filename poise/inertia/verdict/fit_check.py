@@ -15,9 +15,10 @@ from poise.errors import ErrorCode
 from poise.inertia.model import (
     EstimateFinding,
 )
+from poise.inertia.verdict.calibration import ShownCalibration, calibration_of
 from poise.inertia.verdict.clipping import ExtremeReadings
 from poise.inertia.verdict.samples import FitSamples
-from poise.inertia.verdict.slow_residual import LEVER, PARTS, Fit, SlowResidual, sizes
+from poise.inertia.verdict.slow_residual import LEVER, PARTS, Extension, Fit, SlowResidual, sizes
 from poise.types import Array
 
 _LEAST_BINS = 20
@@ -69,7 +70,8 @@ class FitTest:
     """One test of a fit.
 
     Args:
-        name: residual, halves or drift with _force or _torque; lever; tilt; weight; rejected; delay; clipped.
+        name: residual, halves or drift with _force or _torque; lever; tilt; weight; rejected; calibration; delay;
+            clipped.
         value, limit, hopeless: it passes up to the limit; from `hopeless` on the estimate means nothing.
         sentence: what was measured, with its numbers.
     """
@@ -148,7 +150,9 @@ def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None
     if len(slow.samples) < _LEAST_BINS:
         return FitVerdict()
     share = 1.0 - float(samples.counts[used].sum() / samples.counts.sum())
+    calibration = calibration_of(slow)
     tests = [*_load_tests(slow), *_gravity_tests(slow, samples.gravity), _rejected_test(share, fit.only_contact)]
+    tests.append(_calibration_test(calibration))
     if np.isfinite(fit.delay) and fit.longest_delay > 0:
         tests.append(_delay_test(fit))
     if extremes is not None:
@@ -156,7 +160,7 @@ def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None
     failed = [test for test in tests if not test.passed]
     widened = _widened(fit, slow)
     if widened is not None:
-        widened = widened + _of_share(fit, max(_unexplained(slow, failed), _ATTITUDE))
+        widened = widened + _of_share(fit, max(_unexplained(slow, failed), _ATTITUDE)) + calibration.covariance
     return FitVerdict(tuple(tests), widened)
 
 
@@ -253,9 +257,18 @@ def _widened(fit: Fit, slow: SlowResidual) -> Array | None:
         is_seen = np.sum((extension.values / np.maximum(extension.deviations, 1e-12)) ** 2) > _SHIFTED
         if is_seen and np.sum(np.linalg.solve(root, shift) ** 2) > _SHIFTED:
             widened += np.outer(shift, shift)
+    if slow.filtered is not None:
+        widened += _of_filter(slow.filtered)[np.ix_(seen, seen)]
     result = fit.covariance.copy()
     result[np.ix_(seen, seen)] = widened
     return result
+
+
+def _of_filter(found: Extension) -> Array:
+    """(10, 10) covariance of phi, because the wrench may be late by a filter, which attenuates it, or by its clock."""
+    value, spread = float(found.values[0]), float(found.deviations[0])
+    squares = 1.0 + (spread / value) ** 2 if value else 1.0
+    return np.asarray(squares * np.outer(found.shift, found.shift))
 
 
 def _regular(covariance: Array) -> Array:
@@ -273,6 +286,11 @@ def _lever_test(slow: SlowResidual) -> FitTest:
     doubt = float(np.sqrt(np.square(slow.lever.deviations) @ np.square(along))) / size
     words = f"force and torque show centres of mass that differ by {error:.0%}"
     return FitTest("lever", error, _LEVER_SHARE + _LEVER_CERTAIN * doubt, np.inf, words)
+
+
+def _calibration_test(found: ShownCalibration) -> FitTest:
+    value, limit = found.worst
+    return FitTest("calibration", value, limit, np.inf, found.words)
 
 
 def _clipped_test(extremes: ExtremeReadings) -> FitTest:

@@ -22,6 +22,12 @@ _SLOW = 0.1
 _SPREAD = 10.0
 """m/s2: what an error of gravity may be."""
 
+_NOTABLE_DELAY, _LEAST_STEP = 0.005, 0.02
+"""s: a shorter delay attenuates nothing; for the second derivative of the motion."""
+
+_AS_FILTER = 0.5
+"""Prior deviation of the share of a delay that is that of a filter."""
+
 _POSES = 0.3
 """s between samples from which on they are single poses; their differences say nothing about the noise."""
 
@@ -72,14 +78,31 @@ class SlowResidual:
         used: (B,) bins that were not rejected.
     """
 
+    # design: (B, 6, 16) of phi and bias. load: (B, 6) of the payload. residual: (B, 6), N and N m.
+
     def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
         self.fit = fit
-        self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
-        bins = np.floor(samples.seconds[used] / _SLOW)
-        self.samples = samples.delayed(fit.delay).select(used).averaged(bins)
-        self._design = signal_columns(self.samples.signals)
-        self.load = self._design[:, :, :10] @ self.unknowns[:10]
-        self.residual = self.samples.wrench - self._design @ self.unknowns
+        self._given, self._used = samples, used
+        self.samples = self._slow(fit.delay)
+        self.design = signal_columns(self.samples.signals)
+        self.unknowns = self._completed(np.concatenate([fit.phi, fit.bias]))
+        self.load = self.design[:, :, :10] @ self.unknowns[:10]
+        self.residual = self.samples.wrench - self.design @ self.unknowns
+
+    def _completed(self, unknowns: Array) -> Array:
+        """(16,) with the best of what the samples do not show one by one: their sum may be shown."""
+        open_ones = np.isnan(unknowns)
+        result = np.where(open_ones, 0.0, unknowns)
+        if open_ones.any():
+            columns = self.design[:, :, open_ones].reshape(-1, int(open_ones.sum()))
+            left = self.samples.wrench - self.design @ result
+            result[open_ones] = np.linalg.lstsq(columns, left.ravel(), rcond=1e-9)[0]
+        return np.asarray(result)
+
+    def _slow(self, delay: float) -> FitSamples:
+        """The averages, with the motion some time (s) before the wrench."""
+        bins = np.floor(self._given.seconds[self._used] / _SLOW)
+        return self._given.delayed(delay).select(self._used).averaged(bins)
 
     @cached_property
     def scale(self) -> Array:
@@ -95,16 +118,26 @@ class SlowResidual:
         per_sample = np.array([self.fit.noise.force, self.fit.noise.torque]) * np.sqrt(3.0)
         return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.samples.counts)))
 
+    @property
+    def white_levels(self) -> Array:
+        """(6,) standard deviation of the averages that a sample's white noise makes, at least."""
+        per_sample = np.repeat([self.fit.noise.force, self.fit.noise.torque], 3)
+        return np.asarray(per_sample / np.sqrt(self.samples.counts.max()))
+
     @cached_property
     def _levels(self) -> Array:
-        """(6,) standard deviation of the averages, not less than that of a sample's white noise."""
-        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.samples.counts.max())
-        return np.repeat(np.maximum(sizes(self.residual) / np.sqrt(3.0), least), 3)
+        """(6,) standard deviation of the averages."""
+        return np.asarray(np.maximum(np.repeat(sizes(self.residual) / np.sqrt(3.0), 3), self.white_levels))
+
+    @property
+    def known(self) -> Array:
+        """(10, 10) information that the estimate has about phi."""
+        return np.asarray(np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)))
 
     @cached_property
     def _columns(self) -> Array:
         """(B, 6, 16) of the unknowns, in units of the levels."""
-        return self._design / self._levels[:, None]
+        return self.design / self._levels[:, None]
 
     def halves(self) -> Array:
         """(2,) by how much the loads that the halves of the samples show differ, rms over all samples."""
@@ -115,7 +148,7 @@ class SlowResidual:
             np.linalg.lstsq(block + ridge, score, rcond=1e-12)[0]
             for block, score in zip(information, scores, strict=True)
         ]
-        return sizes(self._design @ (steps[1] - steps[0]))
+        return sizes(self.design @ (steps[1] - steps[0]))
 
     def blocks(self, number: int) -> tuple[Array, Array]:
         """(K, 16, 16) information and (K, 16) score, the gradient at the fit, of blocks of the recording in time."""
@@ -139,7 +172,7 @@ class SlowResidual:
     @cached_property
     def _stays(self) -> Array:
         """(10, 10) information that keeps what the samples do not show of the payload."""
-        return np.asarray(np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-6)
+        return self.known * 1e-6
 
     @cached_property
     def _step(self) -> Array:
@@ -166,9 +199,23 @@ class SlowResidual:
         return self.extended(self._by_gravity[:, :, 2:], np.full(1, _SPREAD))
 
     @cached_property
+    def filtered(self) -> Extension | None:
+        """(1,) 1 where the delay is that of a filter of first order, 0 where a clock is late; None without a delay.
+
+        Beside the delay d, such a filter adds d^2 / 2 times the second derivative of the wrench: it attenuates.
+        """
+        delay = abs(self.fit.delay)
+        if not delay > _NOTABLE_DELAY:
+            return None
+        step = max(delay, _LEAST_STEP)
+        early, late = (self._slow(self.fit.delay + way * step).signals for way in (1.0, -1.0))
+        bend = (early - 2 * self.samples.signals + late) * (delay / step) ** 2 / 2
+        return self.extended((signal_columns(bend)[:, :, :10] @ self.unknowns[:10])[:, :, None], np.full(1, _AS_FILTER))
+
+    @cached_property
     def lever(self) -> Extension:
         """(3,) kg m: the first moment that the force shows, less that which the torque shows."""
-        columns = self._design[:, :, 1:4].copy()
+        columns = self.design[:, :, 1:4].copy()
         columns[:, 3:] = 0.0
         return self.extended(columns, np.full(3, max(abs(float(self.unknowns[0])), 1e-3)))
 

@@ -4,7 +4,7 @@ from poise.mismatch.answer.belief import BeliefBasis, belief_probability
 from poise.mismatch.answer.diagnosis import Diagnosis, SignalDiagnosis, Verdict, diagnose, verdict_of
 from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
-from poise.mismatch.answer.named import NamedEffect, Quantity
+from poise.mismatch.answer.named import NamedEffect, Quantity, quantities
 from poise.mismatch.answer.residual_windows import ResidualWindow
 
 __all__ = [
@@ -22,5 +22,6 @@ __all__ = [
     "diagnose",
     "effects_called",
     "examine",
+    "quantities",
     "verdict_of",
 ]

@@ -12,16 +12,22 @@ from poise.mismatch.inference import (
     FittedEffect,
     HypothesisSearch,
     ProvenModel,
+    Variation,
     alike,
 )
 
 _MISFIT = 4.0
 """Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
+_VARIES = 0.01
+"""Share of its own log evidence by which the laws of an effect may be wrong without another cause: those of real
+friction, rotors and links vary by up to that (benchmarks.real)."""
+_MATERIAL_VARIATION = 0.9
+"""Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-WEIGHTS = (-3.43, 1.0, 0.81, -2.37)
+WEIGHTS = (-2.92, 1.0, 0.98, -2.88, 2.17)
 """Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
@@ -40,12 +46,14 @@ class EffectBelief:
         rivals: (name, probability) of effects that could replace it, the likeliest first.
         alike: names of effects that the recording cannot distinguish from it.
         basis: of the probability; None where the readings alone show the effect.
+        varies_with: what it would have to vary with to explain the recording, which is against it; "" if it need not.
     """
 
     probability: float
     rivals: tuple[tuple[str, float], ...]
     alike: tuple[str, ...]
     basis: "BeliefBasis | None"
+    varies_with: str = ""
 
 
 @dataclass(frozen=True)
@@ -57,12 +65,14 @@ class BeliefBasis:
         rivals: sum of the odds of other effects and free curves in its place: 1 for one that does as well.
         equals: rivals that are as likely by rule.
         once: it is an event: it does not act again in another recording.
+        varies: log evidence for an effect that varies over the recording, relative to what right effects may have.
     """
 
     evidence: float
     rivals: float
     equals: int
     once: bool
+    varies: float = 0.0
 
     @property
     def probability(self) -> float:
@@ -76,15 +86,20 @@ def belief_probability(basis: BeliefBasis, weights: Sequence[float]) -> float:
     Args:
         basis: what speaks for the name and against it.
         weights: two of a logistic function of the log evidence; the log odds that a name has beside a rival that does
-            as well (the search preferred it); those of an unknown cause that acts once, beside an event.
+            as well (the search preferred it); those of an unknown cause that acts once, beside an event;
+            what `varies` takes from the log odds of the logistic function.
     """
-    slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0))
+    slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0)) - weights[4] * basis.varies
     rivals = basis.rivals * math.exp(-weights[2]) + basis.equals + basis.once * math.exp(weights[3])
     return min(1.0 / (1.0 + math.exp(-slope)) / (1.0 + rivals), MAX_PROBABILITY)
 
 
 def beliefs(
-    model: ProvenModel, instead: Sequence[Mapping[str, EffectCandidate]], misfit: float, beside: str = ""
+    model: ProvenModel,
+    instead: Sequence[Mapping[str, EffectCandidate]],
+    varied: Sequence[Variation],
+    misfit: float,
+    beside: Sequence[str],
 ) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
 
@@ -95,38 +110,56 @@ def beliefs(
     Args:
         model: the answer, with its proofs; effects that lack a proof are no rivals.
         instead: for each part, what the effects of the library win in its place.
+        varied: the strongest variation of each part.
         misfit: share of the error of the nominal model that the answer leaves above the noise.
-        beside: state on which the unknown part of the answer depends; "" without one.
+        beside: for each part, the state on which an unknown effect depends that may stand in its place; "" without one.
     """
-    lost = set(model.dropped) - {part.effect.name for part in model.fit.parts}
-    found = []
-    for part, proof, candidates in zip(model.fit.parts, model.proofs, instead, strict=True):
-        name = part.effect.name
-        own = candidates[name].gain if name in candidates else -math.inf
-        own = own if math.isfinite(own) else proof.evidence
-        gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
-        odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
-        # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
-        curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
-        odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
-        ruled = _equal_by_rule(model, part, proof, beside)
-        if any(effect_named(rival) is None for rival in ruled):
-            odds.pop(curve, None)
-        odds |= dict.fromkeys(ruled, 1.0)
-        # An effect that contains the name and does no better is no rival.
-        against = {
-            rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
-        }
-        compared = {rival: value for rival, value in against.items() if rival not in ruled}
-        basis = BeliefBasis(
-            proof.support, sum(compared.values()), len(against) - len(compared), not part.effect.transfers
-        )
-        counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
-        reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
-        equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
-        kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
-        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis))
-    return tuple(found)
+    parts = zip(model.fit.parts, model.proofs, instead, varied, beside, strict=True)
+    return tuple(_belief(model, *each, misfit) for each in parts)
+
+
+def _belief(
+    model: ProvenModel,
+    part: FittedEffect,
+    proof: EffectProof,
+    candidates: Mapping[str, EffectCandidate],
+    variation: Variation,
+    beside: str,
+    misfit: float,
+) -> EffectBelief:
+    """Of one effect of an answer; see `beliefs`."""
+    lost = set(model.dropped) - {other.effect.name for other in model.fit.parts}
+    name = part.effect.name
+    own = candidates[name].gain if name in candidates else -math.inf
+    own = own if math.isfinite(own) else proof.evidence
+    gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
+    odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
+    # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
+    curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
+    odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
+    ruled = _equal_by_rule(model, part, proof, beside)
+    if any(effect_named(rival) is None for rival in ruled):
+        odds.pop(curve, None)
+    odds |= dict.fromkeys(ruled, 1.0)
+    ruled |= {rival for rival in odds if rival in candidates and candidates[rival].same}
+    # An effect that contains the name and does no better is no rival.
+    against = {
+        rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
+    }
+    compared = {rival: value for rival, value in against.items() if rival not in ruled}
+    basis = BeliefBasis(
+        proof.support,
+        sum(compared.values()),
+        len(against) - len(compared),
+        not part.effect.transfers,
+        variation.gain / (EQUAL_EVIDENCE + _VARIES * max(proof.evidence, 0.0)),
+    )
+    counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
+    reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)
+    equal = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
+    kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
+    against_it = variation.state if basis.varies > _MATERIAL_VARIATION else ""
+    return EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis, against_it)
 
 
 def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:

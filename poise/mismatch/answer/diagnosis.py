@@ -14,11 +14,10 @@ from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, cali
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
 from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
+from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, unknown_physics
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
-    Dependence,
-    DependenceCurve,
     FittedEffect,
     HeldOutProof,
     HypothesisFit,
@@ -26,7 +25,6 @@ from poise.mismatch.inference import (
     Problem,
     ProvenModel,
     TimeLimit,
-    dependence_curve,
     effort_problem,
     fit,
     held_out,
@@ -37,12 +35,13 @@ from poise.mismatch.inference import (
     replacements,
     residual_of,
     search,
-    state_description,
     tail,
+    variations,
     wrench_problem,
 )
 from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, without
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
+from poise.notebooks import html_table
 from poise.types import Array, Mask
 
 _FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
@@ -55,15 +54,6 @@ _ALLOWED, _LEAST = 0.15, 1e-3
 least one of the nominal model by which a misfit is divided."""
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
-
-
-@dataclass(frozen=True, eq=False)
-class UnknownPhysics:
-    """Physics outside the library: the states that it correlates with, and its curve if there is one."""
-
-    depends_on: tuple[str, ...]
-    sentence: str
-    shape: DependenceCurve | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +116,14 @@ class Diagnosis:
     def __repr__(self) -> str:
         named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
         return f"Diagnosis({self.verdict}{': ' if named else ''}{', '.join(named)}, {self.seconds:.1f} s)"
+
+    def _repr_html_(self) -> str:
+        """The named effects with their probabilities, and the proof, for notebooks."""
+        rows = [(each.effect.name, f"{each.belief.probability:.1%}", each.sentence) for each in self.findings]
+        proof = self.main.proof
+        errors = f"{proof.as_given:.2f} as given, {proof.augmented:.2f} with the effects"
+        note = f"Held-out error, in units of the noise: {errors}."
+        return html_table(f"Verdict: {self.verdict}", ("effect", "probability", ""), rows, [note])
 
     @property
     def main(self) -> SignalDiagnosis:
@@ -245,7 +243,8 @@ def _efforts(recorded: RecordedMotion, model: NominalModel, examined: Sequence[S
         likely = {each.effect.name for each in known} | {rival for each in one.findings for rival in each.belief.alike}
         widened |= {effect.widens for effect in all_effects() if effect.name in likely}
         if one.unknown is not None:
-            named = [part for part in one.best.parts if not isinstance(part.effect, Dependence)]
+            names_given = {each.effect.name for each in one.findings}
+            named = [part for part in one.best.parts if part.effect.name in names_given]
             explained = one.problem.predicted(one.problem.compose(named)[1]) + one.best.calibrated
             recorded = with_rest(recorded, one.problem.measured - explained)
     return effort_problem(recorded, model, frozenset(widened))
@@ -287,21 +286,21 @@ def _examined(
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
-    unknown = _unknown(final, best, rest)
-    misfit = _misfit(proof, rest.excess)
-    beside = "" if unknown is None else next(iter(unknown.depends_on), "time")
-    channels = (
-        WRENCH_CHANNELS
-        if problem.recorded.effort is None or problem.signal == "wrench"
-        else problem.recorded.effort.names
-    )
+    left = unknown_physics(final, best, rest)
+    beside = "" if left is None else next(iter(left.depends_on), "time")
+    varied = variations(final, best.parts)
+    named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside)
+    unnamed = unclear(named)
+    doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
+    effort = None if problem.signal == "wrench" else problem.recorded.effort
+    channels = WRENCH_CHANNELS if effort is None else effort.names
     return SignalDiagnosis(
         problem=final,
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*named_effects(final, best, model, instead, misfit, beside), *detected),
-        unknown=unknown,
+        findings=(*(each for each in named if each not in unnamed), *detected),
+        unknown=unknown_physics(final, best, rest, unnamed),
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.
         windows=locate(
@@ -310,7 +309,7 @@ def _examined(
         calibration=calibration_estimates(final, best),
         held_out=held,
         proof=proof,
-        unproven=model.dropped,
+        unproven=model.dropped | doubts,
     )
 
 
@@ -355,31 +354,3 @@ def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | floa
     """(C,) one sigma of the rounding of the readings; 0 without rounding."""
     scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in detected]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
-
-
-def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> UnknownPhysics | None:
-    parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
-    if not parts and not rest.structured:
-        return None
-    depends = list(dict.fromkeys(part.effect.state for part in parts if isinstance(part.effect, Dependence)))
-    depends += [state for state in rest.depends_on if state not in depends and not parts]
-    first = parts[0] if parts else None
-    if first is not None and isinstance(first.effect, Dependence):
-        return UnknownPhysics(
-            tuple(depends),
-            first.effect.sentence(problem.recorded, first.values),
-            dependence_curve(first.effect, problem.recorded, first.values),
-        )
-    if rest.louder:
-        return UnknownPhysics(
-            tuple(depends),
-            "An effect outside the library remains: the sample-to-sample noise is larger while the robot moves fast "
-            "than while it moves slowly, unlike the noise of a sensor.",
-            None,
-        )
-    what = " and ".join(state_description(state) for state in depends) or "no recorded state"
-    sentence = (
-        f"An effect outside the library remains: the residual has {100 * rest.excess:.0f} % more energy than "
-        f"the sensor's noise may have; it correlates with {what}."
-    )
-    return UnknownPhysics(tuple(depends), sentence, None)

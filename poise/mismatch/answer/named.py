@@ -15,6 +15,7 @@ from poise.mismatch.inference import (
     HypothesisFit,
     Problem,
     ProvenModel,
+    Variation,
 )
 from poise.mismatch.reading import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
@@ -54,12 +55,19 @@ def named_effects(
     best: HypothesisFit,
     model: ProvenModel,
     instead: Sequence[Mapping[str, EffectCandidate]],
+    varied: Sequence[Variation],
     misfit: float,
     beside: str,
 ) -> list[NamedEffect]:
-    """The effects of the best fit; `instead`, `misfit` and `beside` as in `beliefs`."""
-    confidence = beliefs(model, instead, misfit, beside)
+    """The effects of the best fit; `instead`, `varied` and `misfit` as in `beliefs`.
+
+    `beside` is the state on which the unknown part of the answer depends, "" without one.
+    """
     inputs = problem.compose(best.parts)[0]
+    states = [
+        part.effect.imitated(recorded, part.values) or beside for part, recorded in zip(best.parts, inputs, strict=True)
+    ]
+    confidence = beliefs(model, instead, varied, misfit, states)
     found = [
         NamedEffect(
             part.effect,

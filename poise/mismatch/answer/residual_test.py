@@ -17,6 +17,9 @@ _MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise, from which it is structure."""
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
+_MOTION = 0.5
+"""Share of the variance by errors of the measured motion that may be missing in it: splines round corners of the
+acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration up to twice as large)."""
 _CHANCE = 2.0
 """Standard errors of the energy of noise that its excess may have."""
 
@@ -55,6 +58,8 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     loud = _louder_when_fast(problem, residual)
     chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.band.sum())))
     allowed = _MATERIAL + chance + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    if problem.noise.motion is not None:
+        allowed += _MOTION * float(np.mean((problem.noise.motion / problem.noise.total**2)[rows]))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     return ResidualTest(

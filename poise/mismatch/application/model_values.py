@@ -1,6 +1,7 @@
 """What a diagnosis says of the joints and the payload, as values that simulators and robot descriptions have."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -8,19 +9,15 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.model import InertialParameters
 from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application.known_load import known_load
-from poise.mismatch.effects import numbered_joints
+from poise.mismatch.effects import effect_named, numbered_joints
 from poise.mismatch.reading import ModelEffect
 
 _PAYLOAD = "payload_parameters"
 _LIKELY = 0.5
 """Probability from which a finding changes a model."""
-_VALUES = {
-    ("coulomb_friction", "torque"): "friction",
-    ("stribeck_friction", "torque"): "friction",
-    ("stribeck_friction", "damping"): "damping",
-    ("viscous_friction", "damping"): "damping",
-    ("motor_inertia", "inertia"): "armature",
-}
+_OF_SENSORS = {"sensor_rotation", "saturation", "clock_offset"}
+_NO_LIMIT = 1e4
+"""N and N m from which a sensor does not saturate."""
 _LOST = {"stribeck_friction": "the stiction at low speed", "coulomb_friction": "the asymmetry and width"}
 
 
@@ -29,15 +26,20 @@ def joint_values(found: Diagnosis) -> dict[str, dict[str, float]]:
 
     Those of the nominal model and of the likely findings, added.
     """
-    joints = numbered_joints(found.main.problem.recorded)
+    recorded = found.main.problem.recorded
+    joints = numbered_joints(recorded)
     values: dict[str, dict[str, float]] = {}
     for effect in _effects(found):
         for parameter, value in effect.values.items():
             name, _, number = parameter.rpartition("_")
-            kind = _VALUES.get((effect.name, name))
+            kind = _of_joint(effect).get(name)
             if kind is not None:
                 of_joint = values.setdefault(joints[int(number)], {})
                 of_joint[kind] = of_joint.get(kind, 0.0) + value
+    stated = () if recorded.effort is None else zip(recorded.effort.names, recorded.effort.stated, strict=False)
+    for joint, physics in stated:
+        for kind in values.get(joint, {}):
+            values[joint][kind] = max(values[joint][kind] + getattr(physics, kind), 0.0)
     return values
 
 
@@ -63,9 +65,30 @@ def found_payload(found: Diagnosis) -> InertialParameters | None:
     return InertialParameters(load.mass, load.com, inertia)
 
 
+def found_sensor(found: Diagnosis) -> dict[str, Any]:
+    """What the wrench shows of its sensor: the fields of a `SensorChange` but the frame; empty without a wrench.
+
+    The noise is that of the recording; rotation, saturation and lateness are those of likely findings.
+    """
+    examined = next((each for each in found.examinations if each.problem.signal == "wrench"), None)
+    if examined is None:
+        return {}
+    values: dict[str, Any] = {}
+    for name, channels in (("force_noise", slice(0, 3)), ("torque_noise", slice(3, 6))):
+        values[name] = float(np.sqrt(np.mean(examined.problem.noise.sigma[channels] ** 2)))
+    for effect in _effects(found):
+        if effect.name == "sensor_rotation":
+            values["turn"] = np.array([effect.values[f"rotation_{axis}"] for axis in "xyz"])
+        elif effect.name == "saturation":
+            limits = {f"{name}_limit": effect.values[f"{name}_limit"] for name in ("force", "torque")}
+            values |= {name: limit for name, limit in limits.items() if limit < _NO_LIMIT}
+        elif effect.name == "clock_offset":
+            values["delay"] = effect.values["offset"]
+    return values
+
+
 def without_place(found: Diagnosis) -> list[str]:
     """What of the answer is neither a value of a joint nor the payload, or is too uncertain, as clauses."""
-    known = {effect for effect, _ in _VALUES}
     clauses = [
         f"{each.effect.name}, whose probability is {each.belief.probability:.0%}"
         for each in found.findings
@@ -74,9 +97,15 @@ def without_place(found: Diagnosis) -> list[str]:
     for effect in _effects(found):
         if effect.name in _LOST:
             clauses.append(f"{_LOST[effect.name]} of {effect.name}")
-        elif effect.name not in known and effect.name != _PAYLOAD:
+        elif not _of_joint(effect) and effect.name not in (_PAYLOAD, *_OF_SENSORS):
             clauses.append(f"{effect.name}, which is no value of a joint or of the payload")
     return clauses
+
+
+def _of_joint(component: ModelEffect) -> Mapping[str, str]:
+    """The parameters that are values of one joint, and what `JointPhysics` calls them."""
+    effect = effect_named(component.name)
+    return {} if effect is None else effect.of_joint
 
 
 def _effects(found: Diagnosis) -> Iterable[ModelEffect]:

@@ -4,7 +4,10 @@ A local alignment of the postures (Smith and Waterman 1981, with postures for le
 are then refined by Gauss-Newton steps along the motion.
 """
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +25,8 @@ _STRAY = 0.01
 """Cost of a step in one recording alone, so that times run at one rate where the robot rests."""
 _FINE, _WINDOW, _REFINEMENTS = 0.02, 0.3, 20
 """s between refined times, s of smoothing, and steps of the refinement."""
+_ALIKE = 0.55
+"""Likeness of two names from which they may be those of one joint."""
 _MOVING = 0.02
 """rad/s or m/s from which a recording moves."""
 
@@ -99,12 +104,7 @@ def align(this: RecordedMotion, other: RecordedMotion) -> Alignment:
     """
     (names, seconds, places), (other_names, other_seconds, other_places) = postures(this), postures(other)
     if names != other_names:
-        lack, more = sorted(set(names) - set(other_names)), sorted(set(other_names) - set(names))
-        raise InputError(
-            ErrorCode.BAD_INPUT,
-            f"compare: the joints of the recordings differ: the second lacks {', '.join(more) or 'none'}, the first"
-            f" lacks {', '.join(lack) or 'none'}; compare recordings of one robot",
-        )
+        raise other_joints(names, other_names)
     step = max(_STEP, (max(seconds[-1] - seconds[0], other_seconds[-1] - other_seconds[0])) / _MOST)
     coarse, rough = (np.arange(part[0], part[-1], step) for part in (seconds, other_seconds))
     found = _local(linear_at(seconds, places, coarse), linear_at(other_seconds, other_places, rough))
@@ -116,6 +116,54 @@ def align(this: RecordedMotion, other: RecordedMotion) -> Alignment:
     times = np.bincount(rows - rows[0], rough[columns])[first - rows[0]] / count
     fine = np.arange(coarse[first[0]], coarse[first[-1]] + 1e-9, _FINE)
     return _refined(fine, np.interp(fine, coarse[first], times), (seconds, places), (other_seconds, other_places))
+
+
+def other_joints(names: tuple[str, ...], other_names: tuple[str, ...]) -> InputError:
+    """The joints that only one recording has, with those that look alike."""
+    more = [name for name in names if name not in other_names]
+    lack = [name for name in other_names if name not in names]
+    there = f"the second alone has {', '.join(more) or 'none'}, the first alone {', '.join(lack) or 'none'}"
+    pairs = look_alikes(more, lack)
+    advice = "these are recordings of two robots"
+    if not more and not lack:
+        there, advice = "they are in another order", "give one robot_description for both"
+    elif pairs:
+        alike = ", ".join(f"{own}={other}" for own, other in pairs)
+        advice = (
+            f"these look alike: {alike}; if they are the same joints, say so with --joints {alike.replace(' ', '')}"
+        )
+    return InputError(ErrorCode.BAD_INPUT, f"compare: the joints of the recordings differ: {there}; {advice}")
+
+
+def look_alikes(names: Sequence[str], others: Sequence[str]) -> list[tuple[str, str]]:
+    """Pairs of names that differ by little, or by a prefix, the most alike first; each name once."""
+    prefixes = [_common_start(each) for each in (names, others)]
+    ranked = sorted(
+        (
+            (max(_likeness(name, other), _likeness(name[prefixes[0] :], other[prefixes[1] :])), name, other)
+            for name in names
+            for other in others
+        ),
+        reverse=True,
+    )
+    found: list[tuple[str, str]] = []
+    for size, name, other in ranked:
+        if size > _ALIKE and all(name != one and other != two for one, two in found):
+            found.append((name, other))
+    return sorted(found, key=lambda pair: names.index(pair[0]))
+
+
+def _common_start(names: Sequence[str]) -> int:
+    """Letters that all of several names begin with."""
+    first, last = min(names, default=""), max(names, default="")
+    return next((at for at, (one, two) in enumerate(zip(first, last, strict=False)) if one != two), 0)
+
+
+def _likeness(name: str, other: str) -> float:
+    """0 to 1; numbers count: joint_1 is not like joint_2."""
+    one, two = (re.sub(r"[^a-z0-9]", "", each.lower().replace("joint", "j")) for each in (name, other))
+    numbers = [re.sub(r"[^0-9]", "", each)[-1:] for each in (one, two)]
+    return SequenceMatcher(None, one, two).ratio() * (1.0 if numbers[0] == numbers[1] else 0.5)
 
 
 def _local(this: Array, other: Array) -> NDArray[np.intp]:

@@ -11,7 +11,7 @@ from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_p
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
-from poise.mismatch.effects.joint_friction import joint_unit, numbered_joints
+from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
@@ -19,6 +19,7 @@ from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.registry import entries_of
 
 __all__ = [
+    "COULOMB_TRANSITION",
     "FEWEST_SPLINES",
     "GAIN_LEVER",
     "LAYERS",

@@ -32,6 +32,7 @@ class Backlash(Effect):
 
     name = "backlash"
     layer = "friction"
+    knocks = True
     signal = "effort"
     equation = "dtau = M_.j e'' + (dtau/dq_j) e; e'' = -tau_j / M_jj while |e| < gap / 2; flanks push as damped springs"
     source = "dead zone with impacts (Nordin and Gutman 2002, section 2); M: joint-space inertia"

@@ -25,6 +25,8 @@ Values = Mapping[str, float]
 LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction")
 """In the order in which they act; friction acts on joint efforts alone."""
 
+_EDGE = 1e-6
+"""Of the unit interval: a fit stops a parameter this far from an end of its range."""
 _END = 1e-4
 """Of the unit interval: a parameter this close to an end of its range was stopped there."""
 
@@ -49,6 +51,7 @@ class EffectParameter:
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
             finely `Effect.starts` resolves it. It is not refined.
         positive: of a linear parameter: a physical bound, no fit goes below zero (a mass, a drag, a friction).
+        known: of a positive parameter: what the nominal model has of it already, which a fit may take away.
         hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
     """
 
@@ -63,16 +66,17 @@ class EffectParameter:
     choice: bool = False
     resolution: float = 0.0
     positive: bool = False
+    known: float = 0.0
     hidden: bool = False
 
     @property
     def lower(self) -> float:
         """The least value that a fit may give to a linear parameter."""
-        return 0.0 if self.positive else -np.inf
+        return -self.known if self.positive else -np.inf
 
     def at_bound(self, value: float) -> bool:
         """Whether a linear parameter is at its physical bound."""
-        return self.positive and value <= 1e-9 * self.scale
+        return self.positive and value <= self.lower + 1e-9 * self.scale
 
     def within(self, value: float) -> bool:
         """Whether a linear parameter is inside its physical bounds; non-linear ones never leave their range."""
@@ -93,6 +97,18 @@ class EffectParameter:
         value = low + (high - low) * min(max(place, 0.0), 1.0)
         return float(np.exp(value)) if self.log else float(np.tan(value) * self.scale) if self.peaked else value
 
+    def moved(self, value: float, step: float) -> float:
+        """The value after a step in its prior, limited to its range.
+
+        Of a peaked prior the step follows the tangent: a response is nearly linear in the value, not in its place.
+        """
+        least, most = self.from_unit(_EDGE), self.from_unit(1.0 - _EDGE)
+        if not self.peaked:
+            return self.from_unit(min(max(self.to_unit(value) + step, _EDGE), 1.0 - _EDGE))
+        width = self._stretched(self.high) - self._stretched(self.low)
+        rate = width * self.scale * (1.0 + (value / self.scale) ** 2)
+        return min(max(value + step * rate, least), most)
+
     def _stretched(self, value: float) -> float:
         return float(np.log(value)) if self.log else float(np.arctan(value / self.scale)) if self.peaked else value
 
@@ -100,7 +116,7 @@ class EffectParameter:
 class Effect(ABC):
     """Physics that the nominal model leaves out.
 
-    Class attributes:
+    Attributes:
         name: as in the answer, snake_case.
         layer: its place in the chain from joints to reading.
         signal: "wrench", or "effort" for what acts on joint efforts: responses are then (M, J) at the samples of
@@ -114,13 +130,17 @@ class Effect(ABC):
         order: among effects of one layer, the lower acts first.
         needs: what the recording must hold: any of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
+        knocks: its response is a row of knocks, whose moments are known roughly.
+        varies: by its nature its size changes with time or place, which is then not against it.
         free_course: of an event: splines fit its time course, so that one half of it does not predict the other.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
             An answer never names an effect beside one that contains it.
+        general: it can imitate several other effects; where it does no better, one of them is the answer.
         most: how many of its kind a model may have.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
+        of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -136,12 +156,16 @@ class Effect(ABC):
     transfers: ClassVar[bool] = True
     order: ClassVar[int] = 0
     fast: ClassVar[bool] = False
+    knocks: ClassVar[bool] = False
+    varies: ClassVar[bool] = False
     free_course: ClassVar[bool] = False
     made_of: ClassVar[tuple[str, ...]] = ()
+    general: ClassVar[bool] = False
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
     delay: ClassVar[str] = ""
     widens: ClassVar[str] = ""
+    of_joint: ClassVar[Mapping[str, str]] = {}
     defaults: ClassVar[Values] = {}
 
     @abstractmethod
@@ -212,6 +236,11 @@ class Effect(ABC):
         for p in self.parameters(recorded):
             if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):
                 return f"{p.name} would be {values[p.name]:.3g} {p.unit}".rstrip()
+        return ""
+
+    def imitated(self, recorded: RecordedMotion, values: Values) -> str:
+        """The state that another cause depends on which acts like these values; "" where nothing speaks for one."""
+        del recorded, values
         return ""
 
     def untestable(self, recorded: RecordedMotion) -> str:

@@ -19,6 +19,8 @@ _AROUND = 0.3
 """s before and after a burst that the search for its window includes at least."""
 _PULL = 0.4
 """Largest force against the push, relative to it: calibration errors and noise may seem to pull a little."""
+_GIVEN = 0.2
+"""Share of the work of a contact that it may have given to the tool before it took as much: errors of the force."""
 _SHORTEST = 0.05
 """s of a touch."""
 _NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
@@ -121,7 +123,17 @@ class PlateContact(Effect):
         size = float(np.linalg.norm(peak))
         pull = -float((_forces(values) @ peak).min()) / max(size, 1e-9)
         both = f"what pushes with {size:.1f} N would pull with {pull:.1f} N" if pull > _PULL * size else ""
-        return super().implausible(recorded, values) or both
+        brief = f"it would last {1e3 * values['length']:.0f} ms" if values["length"] < _SHORTEST else ""
+        return super().implausible(recorded, values) or brief or both
+
+    def imitated(self, recorded: RecordedMotion, values: Values) -> str:
+        """What rests takes energy from the tool and returns a part of it; a magnet, or a person's hand, gives first."""
+        force = _hats(recorded.seconds, values["start"], values["length"]) @ _forces(values)
+        point = np.array([values[name] for name in _POINT])
+        velocity = recorded.velocity_in_world + recorded.to_world(cross(recorded.angular_velocity, point))
+        work = np.sum(force * velocity, axis=1) * np.gradient(recorded.seconds)
+        given = float(np.cumsum(work).max(initial=0.0))
+        return "joint_position" if given > _GIVEN * float(np.abs(work).sum()) else ""
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)

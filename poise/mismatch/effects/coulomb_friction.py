@@ -10,6 +10,8 @@ from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
     TRANSITION,
     each_joint,
+    in_model,
+    lacking,
     listed,
     numbers,
     sense,
@@ -39,13 +41,17 @@ class CoulombFriction(Effect):
         "backlash",
     )
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes, joints = torque_sizes(recorded), numbers(recorded)
         return (
             TRANSITION,
-            *(EffectParameter(f"torque_{i}", "N m", s, positive=True) for i, s in zip(joints, sizes, strict=True)),
+            *(
+                EffectParameter(f"torque_{i}", "N m", s, positive=True, known=known)
+                for i, s, known in zip(joints, sizes, in_model(recorded, "friction"), strict=True)
+            ),
             *(
                 EffectParameter(f"asymmetry_{i}", "N m", 0.1 * s, hidden=True)
                 for i, s in zip(joints, sizes, strict=True)
@@ -62,11 +68,12 @@ class CoulombFriction(Effect):
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Friction acts against the motion in either direction."""
-        for i, size in zip(numbers(recorded), torque_sizes(recorded), strict=True):
-            if abs(values[f"asymmetry_{i}"]) > values[f"torque_{i}"] + size:
+        known = in_model(recorded, "friction")
+        for i, size, there in zip(numbers(recorded), torque_sizes(recorded), known, strict=True):
+            if abs(values[f"asymmetry_{i}"]) > values[f"torque_{i}"] + there + size:
                 return f"the friction of joint {i} would drive it"
         return super().implausible(recorded, values)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
-        return f"Joints have Coulomb friction: {sizes}; the nominal model has no dry friction."
+        return f"Joints have Coulomb friction: {sizes}; {lacking(recorded, 'friction', 'dry friction')}."

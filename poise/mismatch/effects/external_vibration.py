@@ -42,6 +42,7 @@ class ExternalVibration(Effect):
     confused_with = ("flexible_mode", "base_motion", "contact", "gear_ripple")
     needs = ("load",)
     transfers = False
+    varies = True  # a machine nearby is no even shaker, and the arm between both answers at each place otherwise
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.accelerometer is not None:

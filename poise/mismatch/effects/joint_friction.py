@@ -56,6 +56,18 @@ def each_joint(values: Array) -> Array:
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
+def in_model(recorded: RecordedMotion, what: str) -> tuple[float, ...]:
+    """(J) the friction, damping or armature of the joints that the nominal model has already."""
+    if recorded.effort is None:
+        return ()
+    return tuple(getattr(each, what) for each in recorded.effort.stated) or (0.0,) * len(recorded.effort.names)
+
+
+def lacking(recorded: RecordedMotion, what: str, words: str) -> str:
+    """What the nominal model lacks, as a clause that ends a sentence."""
+    return f"the nominal model has {'too little or too much' if any(in_model(recorded, what)) else 'no'} {words}"
+
+
 def torque_sizes(recorded: RecordedMotion) -> Array:
     """(J,) a typical friction: a third of the usual measured effort, as wrists need little effort for anything else."""
     if recorded.effort is None:

@@ -28,6 +28,7 @@ class LinkParameters(Effect):
     confused_with = ("payload_parameters", "motor_gain", "motor_inertia", "effort_offset", "series_elasticity")
     needs = ("effort",)
     widens = "links"
+    general = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         return tuple(EffectParameter(name, "", 0.3, hidden=True) for name in _base(recorded)[0])

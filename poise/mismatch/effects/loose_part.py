@@ -61,6 +61,7 @@ class LoosePart(Effect):
     name = "loose_part"
     layer = "load"
     fast = True
+    knocks = True
     equation = (
         "z'' = n.(g - a_p) while |z| < gap / 2; in a stop at depth d also -max(2 d' / T + d / T^2, 0) outwards; part "
         "at p + n z instead of at p"

@@ -1,7 +1,9 @@
 """Motor inertia: the rotor behind the gear must be accelerated too."""
 
+from typing import ClassVar
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
+from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -18,12 +20,13 @@ class MotorInertia(Effect):
     separating_motion = "shake joint after joint with the arm folded, then stretched: a link's inertia grows"
     confused_with = ("joint_coupling", "viscous_friction")
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"inertia": "armature"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).acceleration) if recorded.effort is not None else ()
         return tuple(
-            EffectParameter(f"inertia_{i}", "kg m2", s, positive=True)
-            for i, s in zip(numbers(recorded), sizes, strict=True)
+            EffectParameter(f"inertia_{i}", "kg m2", s, positive=True, known=known)
+            for i, s, known in zip(numbers(recorded), sizes, in_model(recorded, "armature"), strict=True)
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -32,4 +35,4 @@ class MotorInertia(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"inertia_{i}"] for i in numbers(recorded)], "kg m2")
-        return f"Motor rotors add inertia: {sizes}; the nominal model has no rotors."
+        return f"Motor rotors add inertia: {sizes}; {lacking(recorded, 'armature', 'inertia of rotors')}."

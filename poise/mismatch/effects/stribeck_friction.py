@@ -11,6 +11,7 @@ from poise.mismatch.effects.joint_friction import (
     TRANSITION,
     each_joint,
     efforts,
+    in_model,
     listed,
     numbers,
     per,
@@ -35,16 +36,24 @@ class StribeckFriction(Effect):
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION}
+    of_joint: ClassVar[dict[str, str]] = {"torque": "friction", "damping": "damping"}
     made_of = ("coulomb_friction", "viscous_friction")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
         rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
         made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True), TRANSITION]
-        kinds = (("torque", "N m", sizes), ("stiction", "N m", sizes), ("damping", "N m s/rad", rates))
-        for kind, unit, scales in kinds:
-            pairs = zip(joints, scales, strict=True)
-            made += [EffectParameter(f"{kind}_{i}", unit, scale, positive=True) for i, scale in pairs]
+        friction, damping = in_model(recorded, "friction"), in_model(recorded, "damping")
+        kinds = (
+            ("torque", "N m", sizes, friction),
+            ("stiction", "N m", sizes, (0.0,) * len(joints)),
+            ("damping", "N m s/rad", rates, damping),
+        )
+        for kind, unit, scales, known in kinds:
+            made += [
+                EffectParameter(f"{kind}_{i}", unit, scale, positive=True, known=there)
+                for i, scale, there in zip(joints, scales, known, strict=True)
+            ]
         return tuple(made)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -62,6 +71,7 @@ class StribeckFriction(Effect):
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Without stiction, this is Coulomb and viscous friction."""
         stiction, torque = (sum(values[f"{kind}_{i}"] for i in numbers(recorded)) for kind in ("stiction", "torque"))
+        torque += sum(in_model(recorded, "friction"))
         return super().implausible(recorded, values) or ("there is no stiction" if stiction < 0.1 * torque else "")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

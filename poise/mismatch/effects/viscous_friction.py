@@ -1,7 +1,9 @@
 """Viscous friction: a joint needs torque in proportion to its speed."""
 
+from typing import ClassVar
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
+from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -18,12 +20,13 @@ class ViscousFriction(Effect):
     separating_motion = "each joint evenly at five speeds both ways: viscous friction is a line through zero"
     confused_with = ("coulomb_friction", "stribeck_friction", "joint_coupling")
     needs = ("effort",)
+    of_joint: ClassVar[dict[str, str]] = {"damping": "damping"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else ()
         return tuple(
-            EffectParameter(f"damping_{i}", "N m s/rad", s, positive=True)
-            for i, s in zip(numbers(recorded), sizes, strict=True)
+            EffectParameter(f"damping_{i}", "N m s/rad", s, positive=True, known=known)
+            for i, s, known in zip(numbers(recorded), sizes, in_model(recorded, "damping"), strict=True)
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -32,4 +35,5 @@ class ViscousFriction(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"damping_{i}"] for i in numbers(recorded)], "N m s/rad")
-        return f"Joints need torque in proportion to their speed: {sizes}; the nominal model has no viscous friction."
+        said = f"Joints need torque in proportion to their speed: {sizes}"
+        return f"{said}; {lacking(recorded, 'damping', 'viscous friction')}."

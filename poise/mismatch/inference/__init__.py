@@ -24,6 +24,7 @@ from poise.mismatch.inference.unknown import (
     linear_bspline_basis,
     state_description,
 )
+from poise.mismatch.inference.variations import Variation, variations
 
 __all__ = [
     "EQUAL_EVIDENCE",
@@ -40,6 +41,7 @@ __all__ = [
     "ProvenModel",
     "SignalNoise",
     "TimeLimit",
+    "Variation",
     "alike",
     "dependence_curve",
     "effort_problem",
@@ -60,5 +62,6 @@ __all__ = [
     "search",
     "state_description",
     "tail",
+    "variations",
     "wrench_problem",
 ]

@@ -68,6 +68,7 @@ class EffectCandidate:
         effect, values, gain, drop: its most likely values; log evidence won, and fall of the square.
         potential: upper estimate of the log evidence that it can win.
         visibility: sigmas of its response at its typical size.
+        same: its response is that of the effect which it could replace: no data of this motion distinguish them.
     """
 
     effect: Effect
@@ -76,6 +77,7 @@ class EffectCandidate:
     drop: float
     potential: float
     visibility: float = np.inf
+    same: bool = False
 
 
 def refine(
@@ -205,17 +207,12 @@ def _stepped(
     for strength in damping.tries():
         held = strength * np.diag(rest.information)[count:]
         step = rest.fitted(np.concatenate([weak, held + 1e-9]), mean)[0][count:]
-        values = {p.name: _shifted(p, at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
+        values = {p.name: p.moved(at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
         trial = _linear(problem, regression, recorded, effect, {**at.values, **values}, weak)
         if trial.drop > at.drop:
             damping.eased(strength)
             return trial
     return None
-
-
-def _shifted(p: EffectParameter, value: float, step: float) -> float:
-    """The value after a step in its prior, limited to its range."""
-    return p.from_unit(float(np.clip(p.to_unit(value) + step, 1e-6, 1.0 - 1e-6)))
 
 
 def _evidence_gain(
@@ -318,7 +315,7 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
         values = [dict(part.values) for part in at.parts]
         for (i, p), s in zip(own, step, strict=True):
             old = values[i][p.name]
-            values[i][p.name] = old + float(s) if p.linear else _shifted(p, old, float(s))
+            values[i][p.name] = old + float(s) if p.linear else p.moved(old, float(s))
         parts = tuple(FittedEffect(part.effect, new) for part, new in zip(at.parts, values, strict=True))
         moved = linearised(problem, parts, at.calibration, slopes=False)
         if moved.square < at.square:

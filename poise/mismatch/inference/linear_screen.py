@@ -29,8 +29,6 @@ _DETAIL = 0.01
 """Least share of the error of the nominal model in some joint: laws of friction hold to about a tenth."""
 _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
-_GENERAL = ("link_parameters",)
-"""Effects that are tried after all others, since they can imitate several of them."""
 _MOST = 10
 _CHOICES = 2
 """Times that effects which choose a joint or a moment are looked for in what the others leave."""
@@ -253,8 +251,11 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
         falls = {}
         for i in range(1, len(sums.families)):
             family = sums.families[i]
-            combined = family.effect is None or family.effect.made_of or _event(sums, i)
-            if combined or family.name in names or (family.name in _GENERAL) > general:
+            effect = family.effect
+            # General effects are tried after all others, since they can imitate several of them.
+            if effect is None or effect.made_of or _event(sums, i) or effect.general > general:
+                continue
+            if family.name in names:
                 continue
             after = _error(sums, [*chosen, i], variance)
             if _proven(sums, before, after, variance):

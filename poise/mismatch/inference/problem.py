@@ -18,6 +18,9 @@ from poise.types import Array, Mask
 
 _BREAK = 2.0
 """s without a sample that separate two recordings."""
+_GAP, _GAP_PERIODS, _AFTER_GAP = 0.05, 4.0, 0.15
+"""s and periods without a sample, both, that make a gap, and s after it that are predicted, but not compared: across a
+gap, filters know their input only by interpolation."""
 _RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not compared."""
 _BEST_MODEL = 0.002
@@ -104,6 +107,11 @@ class Problem:
         begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > _BREAK) + 1])
         first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
         inner = np.asarray((at >= first + _RUN_UP) & (at <= at[-1] - _RUN_OUT))
+        step = np.diff(at)
+        ends = np.flatnonzero(step > max(_GAP, _GAP_PERIODS * float(np.median(step)))) + 1
+        if len(ends):
+            last = np.concatenate([[-np.inf], at[ends]])[np.searchsorted(ends, np.arange(len(at)), side="right")]
+            inner &= at >= last + _AFTER_GAP
         return inner if self.judged is None else inner & self.judged
 
     @cached_property

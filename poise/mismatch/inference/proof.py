@@ -5,6 +5,7 @@ pieces. The model with the effect and the best one without it are fitted to all 
 predict these. The fits solve for all linear parameters and the calibration errors; other parameters keep their values.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,8 @@ _LEAST_OF_REST = 0.5
 remains there can imitate a smaller one. What remains in other joints or axes cannot."""
 _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
+_LEAST_OF_BASE = 0.1
+"""Least fall of the squared error by a curve over the base's acceleration: splines through odometry round corners."""
 _EXCESS = 0.05
 """Energy above that of the noise, as its share, from which a residual may be called unknown physics; the test of the
 final residual has the same limit."""
@@ -39,7 +42,7 @@ channel: a smaller one may be an error of the measured motion, which a brief eve
 nothing is left at other times, the energy of the whole residual during the event counts."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
-_LEAST_BESIDE = 100.0
+LEAST_BESIDE = 100.0
 """log evidence that an event, or an effect beside a stronger one, must win: noise of other families than those of the
 noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
@@ -49,6 +52,8 @@ _MOST_ELSEWHERE = 0.5
 """Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
 _ACTS = 0.01
 """Share of its largest energy in a sample from which an event acts there."""
+_CANCELS = 0.3
+"""Energy of the response of two effects, relative to the smaller one's own, below which they cancel."""
 _SPIKE, _CHANCE = 5.0, 4.0
 """Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
@@ -143,7 +148,8 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             or immaterial(problem.recorded, part, proof)
             or proof.lacking
             or _faint(part.effect, proof, strongest)
-            for part, proof in zip(whole.parts, proofs, strict=True)
+            or cancelled
+            for part, proof, cancelled in zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
         if not failed:
@@ -157,6 +163,12 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
+    if (
+        isinstance(part.effect, Dependence)
+        and part.effect.state == "base_acceleration"
+        and proof.share < _LEAST_OF_BASE
+    ):
+        return "the odometry of the base may be wrong by as much"
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
     if shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
@@ -176,9 +188,30 @@ def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     A lasting effect that is alone explains everything that there is to explain; its probability says how weak it is.
     """
     alone = effect.transfers and proof.support >= strongest
-    if alone or isinstance(effect, Dependence) or proof.support >= _LEAST_BESIDE:
+    if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
+
+
+def cancelling(problem: Problem, parts: Sequence[FittedEffect]) -> list[str]:
+    """For each part, why it is no effect of its own: another one takes most of its response back; "" where none does.
+
+    A filter and an early clock together smooth without delay, an encoder's zero and a turned sensor hardly act: what
+    two large effects leave when they cancel follows something else.
+    """
+
+    def energy(chosen: Sequence[FittedEffect]) -> float:
+        rest = [part for part in parts if part not in chosen]
+        response = whole - problem.predicted(problem.compose(rest)[1])
+        return float(np.sum((response / problem.noise.sigma) ** 2))
+
+    whole = problem.predicted(problem.compose(parts)[1])
+    alone = [energy([part]) for part in parts]
+    found = [""] * len(parts)
+    for i, j in itertools.combinations(range(len(parts)), 2):
+        if energy([parts[i], parts[j]]) < _CANCELS * min(alone[i], alone[j]):
+            found[i], found[j] = (f"{parts[k].effect.name} would cancel it" for k in (j, i))
+    return found
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:

@@ -14,15 +14,20 @@ from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import HypothesisSearch, alike
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.screening import beside
-from poise.mismatch.inference.unknown import Dependence
+from poise.mismatch.inference.unknown import FreeCurve
 
 EQUAL_EVIDENCE = 4.0
 """Difference of log evidence up to which two explanations do equally well: widths of priors are typical ones."""
 LOOKALIKE = 0.005
 """Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
 similar effect with more parameters fits the remaining details."""
+NEAR, NEAR_SHARE = 20.0, 0.15
+"""log evidence within which hypotheses are compared in full, and the same as a share of the evidence won: the noise of
+the previous model contains what they explain, so that their differences are small under it."""
 _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
+_SAME = 0.01
+"""Energy of the difference of two responses, relative to theirs, below which they are the same."""
 _STEPS = 4
 _MOST, _SMOOTHED = 0.5, 0.15
 """Share of the smoothing that a delay leaves, below which it explains most of it; least smoothing that shows."""
@@ -46,11 +51,35 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
         own = candidates.get(part.effect.name)
         if part.effect.delay and own is not None and not state.limit.over():
             candidates |= _delays(state, problem, others, own, candidates)
-        if state.limit.over() and own is not None:
+        if own is not None and state.limit.over():
             unsure = [each for each in free if alike(each, part.effect) and each is not part.effect]
             candidates |= {each.name: replace(own, effect=each) for each in unsure}
+        elif own is not None:
+            candidates = _marked(problem, others, own, candidates)
         out.append(candidates)
     return tuple(out)
+
+
+def _marked(
+    problem: Problem, others: Sequence[FittedEffect], own: EffectCandidate, candidates: dict[str, EffectCandidate]
+) -> dict[str, EffectCandidate]:
+    """The candidates, with a mark on those whose response is that of the effect itself."""
+    own = candidates[own.effect.name]
+    near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < EQUAL_EVIDENCE]
+    near = [each for each in near if not isinstance(each.effect, FreeCurve)]
+    if not near:
+        return candidates
+    recorded, level = problem.compose(others)[1], problem.noise.sigma
+    response = own.effect.simulate(recorded, own.values) / level
+    size = _SAME * float(np.sum(response**2))
+    same = {
+        each.effect.name: replace(each, same=True)
+        for each in near
+        # The smoothing in the calibration makes delays equal that were compared in full.
+        if (each.effect.delay and own.effect.delay)
+        or np.sum((each.effect.simulate(recorded, each.values) / level - response) ** 2) < size
+    }
+    return candidates | same
 
 
 def _delays(
@@ -61,7 +90,11 @@ def _delays(
     candidates: Mapping[str, EffectCandidate],
 ) -> dict[str, EffectCandidate]:
     """Delays in the place of another one, compared in full: the smoothing in the calibration is as late as each."""
-    delays = {name: each for name, each in candidates.items() if each.effect.delay and (each.gain > 0.0 or each is own)}
+    least = max(own.gain - max(NEAR, NEAR_SHARE * own.gain), 0.0)
+    delays = {name: each for name, each in candidates.items() if each.effect.delay and each.gain > least}
+    delays[own.effect.name] = own
+    if len(delays) == 1:
+        return {}
     fits = {
         name: _fitted(state, problem, (*others, FittedEffect(each.effect, each.values)))
         for name, each in delays.items()
@@ -108,7 +141,7 @@ def improved(
     problem = state.under(found)
     for part, candidates in zip(found.parts, instead, strict=True):
         own = candidates.get(part.effect.name)
-        if own is None or isinstance(part.effect, Dependence):
+        if own is None or isinstance(part.effect, FreeCurve):
             continue
         best = _simplest(problem, own, candidates)
         others = tuple(other for other in found.parts if other is not part)
@@ -126,14 +159,15 @@ def improved(
 def _simplest(problem: Problem, own: EffectCandidate, candidates: Mapping[str, EffectCandidate]) -> EffectCandidate:
     """Of the effects that win about as much as the best one, that with the fewest parameters; itself, if it is one.
 
-    One that contains it must win clearly more: no model is exact, and more parameters fit the remaining details.
+    One that contains it must win clearly more: no model is exact, and more parameters fit the remaining details. A
+    general one counts as larger than all others.
     """
     name, more = own.effect.name, own.gain + EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0)
-    named = [each for each in candidates.values() if not isinstance(each.effect, Dependence)]
+    named = [each for each in candidates.values() if not isinstance(each.effect, FreeCurve)]
     named = [each for each in named if name not in each.effect.made_of or each.gain > more]
     top = max(each.gain for each in named)
     equal = [each for each in named if each.gain > top - EQUAL_EVIDENCE]
-    sizes = {each.effect.name: len(each.effect.parameters(problem.recorded)) for each in equal}
+    sizes = {each.effect.name: (each.effect.general, len(each.effect.parameters(problem.recorded))) for each in equal}
     least = min(sizes.values())
     if sizes.get(name) == least:
         return own

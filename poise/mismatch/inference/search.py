@@ -12,12 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.inference.effort_curves import effort_curves
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.inference.replacements import LOOKALIKE
-from poise.mismatch.inference.screening import beside
+from poise.mismatch.inference.proof import LEAST_BESIDE
+from poise.mismatch.inference.replacements import LOOKALIKE, NEAR, NEAR_SHARE
+from poise.mismatch.inference.screening import THRESHOLD, beside
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.reading import on_efforts
@@ -29,14 +31,12 @@ _STEPS = 4
 """Steps of a fit from the result of the screening."""
 _BESIDE_CURVES = 0.5
 """Share of the gain of a free curve from which the best effect of the library is fitted as well."""
-_NEAR, _NEAR_SHARE = 20.0, 0.15
-"""log evidence within which hypotheses are compared in full, and the same as a share of the evidence won: the noise of
-the previous model contains what they explain, so that their differences are small under it."""
 _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
 """Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
-_MOST_PARTS = 3
+_MOST_PARTS, _FURTHER = 3, 0.3
+"""Effects of an answer, and the share of the evidence that a further one needs from which its values are refined."""
 _WIDER = 1.3
 """log evidence that an exceeded tolerance must win."""
 _NEW_PHYSICS = 6.0
@@ -68,7 +68,7 @@ def search(
             state.untestable[effect.name] = reason
     if problem.signal == "wrench":
         effects += dependences(problem.recorded)
-    state.library = tuple(effects)
+    state.library = (*effects, *(effort_curves() if problem.signal == "effort" else ()))
     best = fit(state.judging, ())
     state.offer(best)
     if problem.signal == "effort":
@@ -200,7 +200,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     # evidence is compared under equal noise.
     quieter, louder = state.under(found[0]), state.judged(best)
     won = found[0].log_evidence - state.fits[()].log_evidence
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - max(_NEAR, _NEAR_SHARE * won)]
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - max(NEAR, NEAR_SHARE * won)]
     for each in (*top, best):
         state.fitted(quieter, each.parts, WARM_STEPS)
     for each in top if louder is not problem else ():
@@ -229,7 +229,8 @@ def prescreen(
     known = Counter(names(best))
     free = [effect for effect in effects if effect.name not in taken or 0 < known[effect.name] < effect.most]
     problem = _calm(state.under(best), best)
-    found = beside(problem, best.parts, free, state.limit)
+    # What wins less than a part of what a further name needs is not refined: neither is it named, nor is it a rival.
+    found = beside(problem, best.parts, free, state.limit, least=_FURTHER * LEAST_BESIDE if best.parts else THRESHOLD)
     for each in found:
         if not taken & set(each.effect.made_of):
             state.gains[names(best), each.effect.name] = each.gain
@@ -239,11 +240,11 @@ def prescreen(
             )
     if not found or found[0].gain < 0.0:
         return []
-    least = max(0.0, found[0].gain - max(_NEAR, _NEAR_SHARE * found[0].gain))
+    least = max(0.0, found[0].gain - max(NEAR, NEAR_SHARE * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
     if any(each.effect.delay for each in chosen):
         # Beside one delay another one is compared in full: the smoothing in the calibration moves with each of them.
-        chosen += [each for each in found if each.effect.delay and each.gain > 0.0 and each not in chosen]
+        chosen += [each for each in found if each.effect.delay and each.gain > least and each not in chosen]
     if all(isinstance(each.effect, Dependence) for each in chosen):
         # A free curve follows an effect of the library in part; the effect is compared in full.
         named = [each for each in found if each.gain > _BESIDE_CURVES * found[0].gain and each not in chosen]

@@ -219,23 +219,28 @@ def harmonics(direction: Array) -> Array:
 
 
 @cache
-def _coefficients(count: int) -> tuple[EffectParameter, ...]:
+def coefficients(count: int) -> tuple[EffectParameter, ...]:
     return tuple(EffectParameter(f"c{k}", "", _TYPICAL, hidden=True) for k in range(count))
 
 
-class Dependence(Effect):
-    """The wrench has a part that is some function of one state: the description of physics that is not in the library.
+class FreeCurve(Effect):
+    """A signal has a part that is some function of one state: physics that is not in the library."""
+
+    order = 9
+    source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
+    excited_by = "the state"
+    separating_motion = "vary this state alone, the others held still"
+
+
+class Dependence(FreeCurve):
+    """The wrench has a part that is some function of one state.
 
     Args:
         state: its name, see `states`.
     """
 
     layer = "sensor"
-    order = 9
     equation = "w_read = w + c(s), c: six free curves over the state s"
-    source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
-    excited_by = "the state"
-    separating_motion = "vary this state alone, the others held still"
 
     def __init__(self, state: str) -> None:
         self.state = "time" if state.startswith("time") else state
@@ -256,7 +261,7 @@ class Dependence(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         state = self.at(recorded)
         count = 0 if state is None else state.columns.shape[2]
-        return _coefficients(count)
+        return coefficients(count)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

@@ -196,6 +196,8 @@ def of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
         if isinstance(value, np.ndarray) and value.ndim > 1:
             by_joint = each.name in ("by_position", "by_acceleration")
             changes[each.name] = value[:, keep][:, :, keep] if by_joint else value[:, keep]
+    if track.stated:
+        changes["stated"] = tuple(each for each, kept in zip(track.stated, keep.tolist(), strict=True) if kept)
     links = track.links
     if links is not None:
         changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])

@@ -33,7 +33,10 @@ class _OnEfforts(Effect):
         self._inner = inner
         same = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with", "transfers")
         vars(self).update(
-            {name: getattr(inner, name) for name in (*same, "order", "widens", "made_of", "defaults", "free_course")}
+            {
+                name: getattr(inner, name)
+                for name in (*same, "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
+            }
         )
         vars(self)["needs"] = ("joints", "effort")
 
@@ -42,6 +45,9 @@ class _OnEfforts(Effect):
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return self._inner.derived(recorded, values)
+
+    def imitated(self, recorded: RecordedMotion, values: Values) -> str:
+        return self._inner.imitated(recorded, values)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return self._inner.sentence(recorded, values)

@@ -1,7 +1,7 @@
 """What a robot measured, as the reading takes it: from a recording, or from the buffers of a running robot."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 from poise.mismatch.reading.commands import recorded_commands
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
@@ -28,16 +28,36 @@ class MeasuredStreams:
     commands: JointStream | None = None
 
 
-def recorded_streams(recording: Recording, wrench: WrenchStream | None) -> MeasuredStreams:
-    """The streams of a recording with joint states."""
+def recorded_streams(
+    recording: Recording, wrench: WrenchStream | None, called: Mapping[str, str] | None = None
+) -> MeasuredStreams:
+    """The streams of a recording with joint states.
+
+    Args:
+        recording: the recording.
+        wrench: of it.
+        called: other names of its joints, by those that it has.
+    """
+    known = called or {}
+    written = {new: old for old, new in known.items()}
+
+    def joint_states(names: tuple[str, ...]) -> JointStream:
+        stream = recording.joint_states(names=tuple(written.get(name, name) for name in names))
+        return _named(stream, known)
+
+    commands = recorded_commands(recording)
     return MeasuredStreams(
         str(recording.path),
         wrench,
-        lambda names: recording.joint_states(names=names),
+        joint_states,
         recording.odometry() if holds(recording, "odom") else None,
         recording.robot_description,
-        recorded_commands(recording),
+        None if commands is None else _named(commands, known),
     )
+
+
+def _named(stream: JointStream, called: Mapping[str, str]) -> JointStream:
+    return replace(stream, names=tuple(called.get(name, name) for name in stream.names))
 
 
 def holds(recording: Recording, name: str) -> bool:

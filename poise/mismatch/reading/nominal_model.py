@@ -1,7 +1,7 @@
 """model.yaml: the nominal model that a recording is compared with, and its tolerances."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,24 @@ import yaml
 from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import InertialParameters, symmetric
+from poise.simulation.models import SimulatorModel, model_kind, read_simulator_model
 from poise.types import Array
 
 _MAX_BYTES = 1_000_000
+_YAML = (".yaml", ".yml", ".json")
 _ENTRIES = (
-    *("sensor_frame", "urdf", "payload", "gravity", "tool_in_wrench", "joint_positions", "tolerance", "noise"),
+    *(
+        "sensor_frame",
+        "urdf",
+        "simulator",
+        "payload",
+        "payload_link",
+        "gravity",
+        "tool_in_wrench",
+        "joint_positions",
+        "tolerance",
+        "noise",
+    ),
     "effects",
 )
 
@@ -93,6 +106,8 @@ class NominalModel:
         effects: added by an earlier diagnosis.
         joint_positions: joints that have no states, and where they stand, rad or m.
         payload_identified: the payload was identified from the recording, which then cannot show it wrong.
+        simulator: the model of a simulator, in the place of the URDF.
+        payload_link: the link of it that is the payload alone.
     """
 
     sensor_frame: str | None = None
@@ -106,6 +121,8 @@ class NominalModel:
     effects: tuple[ModelEffect, ...] = ()
     joint_positions: Mapping[str, float] = field(default_factory=dict)
     payload_identified: bool = False
+    simulator: SimulatorModel | None = None
+    payload_link: str | None = None
 
     @property
     def gravity_or_standard(self) -> float:
@@ -114,11 +131,16 @@ class NominalModel:
 
 
 def load_model(path: Path) -> NominalModel:
-    """Read model.yaml.
+    """Read model.yaml, or the model of a simulator (MJCF, SDF) or a URDF in its place.
 
     Raises:
-        InputError: FILE_UNREADABLE; BAD_INPUT for an invalid entry, with its place.
+        InputError: FILE_UNREADABLE; BAD_INPUT for an invalid entry, with its place; as `read_simulator_model`.
     """
+    kind = None if path.suffix in _YAML else model_kind(path)
+    if kind == "urdf":
+        return NominalModel(urdf=path)
+    if kind is not None:
+        return simulated_by(NominalModel(), read_simulator_model(path))
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {_MAX_BYTES} bytes, not a model")
@@ -133,6 +155,13 @@ def load_model(path: Path) -> NominalModel:
         raise InputError(error.code, f"{path}: {error.message}", **error.data) from error
 
 
+def simulated_by(model: NominalModel, simulator: SimulatorModel, tool: bool | None = None) -> NominalModel:
+    """The model with a simulator's robot and gravity; its force sensor feels all that is beyond it, unless said."""
+    felt = bool(simulator.sensors) if tool is None else tool
+    gravity = simulator.gravity if model.gravity is None else model.gravity
+    return replace(model, simulator=simulator, gravity=gravity, tool_in_wrench=felt)
+
+
 def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
     """A model from the content of its file; paths in it start at `folder`.
 
@@ -142,13 +171,15 @@ def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
     top = _mapping(content, "the model", _ENTRIES)
     held = top.get("joint_positions", {})
     noise = _mapping(top.get("noise", {}), "noise", ("force", "torque"))
-    urdf = _text(top, "urdf")
+    urdf, simulator = _text(top, "urdf"), _text(top, "simulator")
+    if urdf is not None and simulator is not None:
+        raise _bad("urdf and simulator are both given: which is the robot?")
     tool = top.get("tool_in_wrench", False)
     if not isinstance(tool, bool):
         raise _bad("tool_in_wrench must be true or false")
     if not isinstance(held, Mapping):
         raise _bad("joint_positions must be a mapping of joints to rad or m")
-    return NominalModel(
+    model = NominalModel(
         joint_positions={str(name): _number(at, f"joint_positions.{name}") for name, at in held.items()},
         sensor_frame=_text(top, "sensor_frame"),
         urdf=None if urdf is None else folder / urdf if (folder / urdf).is_file() else Path(urdf),
@@ -159,7 +190,11 @@ def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
         noise_force=_positive(noise["force"], "noise.force") if "force" in noise else None,
         noise_torque=_positive(noise["torque"], "noise.torque") if "torque" in noise else None,
         effects=tuple(_component(entry, i) for i, entry in enumerate(_list(top.get("effects", []), "effects"))),
+        payload_link=_text(top, "payload_link"),
     )
+    if simulator is None:
+        return model
+    return simulated_by(model, read_simulator_model(folder / simulator), top.get("tool_in_wrench"))
 
 
 def dump_model(model: NominalModel) -> str:
@@ -169,7 +204,11 @@ def dump_model(model: NominalModel) -> str:
         content["sensor_frame"] = model.sensor_frame
     if model.urdf is not None:
         content["urdf"] = str(model.urdf)
-    if model.phi is not None:
+    if model.simulator is not None:
+        content["simulator"] = str(model.simulator.path)
+    if model.payload_link is not None:
+        content["payload_link"] = model.payload_link
+    if model.phi is not None and model.payload_link is None:
         body = InertialParameters.from_phi(model.phi)
         com = [0.0, 0.0, 0.0] if body.mass == 0 else body.com.tolist()
         content["payload"] = {"mass": body.mass, "com": com}

@@ -1,6 +1,6 @@
 """From a recording or live streams to a `RecordedMotion`: which streams there are, and what is invalid."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,10 +17,16 @@ from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, reco
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
 from poise.mismatch.reading.sanity import check_frame_motion, check_motion, check_wrench, without_spikes
+from poise.mismatch.reading.simulator import (
+    nominal_description,
+    sensor_frame_of,
+    with_simulator,
+    with_stated_physics,
+)
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot import RobotModel, chains, find_urdf, read_urdf, robot_of
+from poise.robot import RobotModel, chains, robot_of
 from poise.types import Array
 
 
@@ -45,13 +51,14 @@ class ReadRecording:
     findings: tuple[InputFinding, ...] = ()
 
 
-def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
+def read_recording(recording: Recording, model: NominalModel, called: Mapping[str, str] | None = None) -> ReadRecording:
     """Read a bag.
 
     Args:
         recording: with joint states and a robot description, and the wrench, joint efforts, or both; or with the wrench
             and tf up to the sensor.
         model: the nominal simulation; a payload that it leaves out is identified from the recording.
+        called: other names of the joints, by those that the recording has.
 
     Raises:
         InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
@@ -63,7 +70,9 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     losses = tuple(loss.sentence for loss in recording.losses)
     if holds(recording, "joint_states"):
         wrench = recording.wrench() if holds(recording, "wrench") else None
-        return read_streams(recorded_streams(recording, wrench), known, losses)
+        streams = recorded_streams(recording, wrench, called)
+        read = read_streams(streams, known, losses)
+        return replace(read, notes=(*_without_stamps(recording), *read.notes))
     if holds(recording, "joint_commands") and not holds(recording, "tf"):
         raise NoAnswerError(
             ErrorCode.TOPIC_MISSING,
@@ -88,6 +97,10 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
 
 
+def _without_stamps(recording: Recording) -> list[str]:
+    return [f"the headers of {name} have no stamps: the times of the bag are used" for name in recording.unstamped]
+
+
 def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence[str] = ()) -> ReadRecording:
     """Read the joint states and the wrench of a recording or of a live window.
 
@@ -103,8 +116,9 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     if wrench is not None:
         wrench, notes = usable(wrench)
         losses += notes
-    text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
+    text = nominal_description(model, streams.description)
     joints, robot, odometry = _robot(streams, model, text)
+    model = with_simulator(model, robot)
     frame = robot.sensor_frame
     joints, notes = usable_joints(joints, alone=wrench is None)
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
@@ -115,6 +129,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
+    recorded = with_stated_physics(recorded, model)
     findings = [*_held(model, robot, text, streams), *findings]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
@@ -209,7 +224,7 @@ def _robot(
     streams: MeasuredStreams, model: NominalModel, text: str
 ) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """Joint states with a robot that they move; odometry when the root of that robot moves."""
-    frame = model.sensor_frame
+    frame = sensor_frame_of(model, None if streams.wrench is None else streams.wrench.frame_id)
     if frame is None and streams.wrench is not None:
         frame = streams.wrench.frame_id or "ft_sensor"
     try:

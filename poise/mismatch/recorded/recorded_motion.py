@@ -10,6 +10,7 @@ import numpy as np
 from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
 from poise.mismatch.recorded.resampling import linear_at
+from poise.simulation.models import JointPhysics
 from poise.types import Array, Mask
 
 T = TypeVar("T")
@@ -92,6 +93,8 @@ class EffortTrack:
         motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
         by_rest: (M, J) efforts of the part of the wrench that no effect explains; None: there is none.
         prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
+        stated: (J) the friction, rotors and springs that the nominal model has, in `prediction` from the beginning; ():
+            a rigid arm.
     """
 
     seconds: Array
@@ -109,6 +112,7 @@ class EffortTrack:
     motion_variance: Array | None = None
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
+    stated: tuple[JointPhysics, ...] = ()
 
     def select(self, rows: Mask) -> "EffortTrack":
         """The samples of a mask (M,)."""

@@ -17,6 +17,8 @@ def at_times(seconds: Array, values: Array, wanted: Array) -> Array:
         values: (N, ...).
         wanted: (M,); outside the samples, values are held constant.
     """
+    if np.array_equal(seconds, wanted):  # efforts without a wrench: the spline goes through the samples
+        return np.array(values)
     rows = np.array(values.reshape(len(values), -1).T, order="C")
     found = hermite(seconds, rows, _slopes(seconds, rows), np.clip(wanted, seconds[0], seconds[-1]))
     return np.ascontiguousarray(found.T).reshape(len(wanted), *values.shape[1:])

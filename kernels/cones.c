@@ -1,0 +1,698 @@
+/* Conic programs over the motions of bodies in pairs: an interior-point method with one block factorisation a step, that
+   begins at the analytic centre, which no load changes. Python: `ConicProgram` in poise/assembly/statics/solvers.py,
+   which calls Clarabel. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bodies.h"
+#include "dense.h"
+
+enum { MOST_STEPS = 60, WIDEST = 4, SOLVED = 0, STUCK = 1 };
+static const double SHORT = 0.99, ENOUGH_KEPT = 1e-13, LEFT = 1e-7, CENTRED = 0.1, NEAR = 0.7,
+                    ROUNDED = 1e-11;
+
+/* max w y, where the slacks -(rows of each pair) (relative motion, locals of the pair) are in cones, and for one row
+   more, `shared` y <= 1, or = 1 if `equal`. Of each pair first the rows of cones of one, then of `wide` each. */
+struct cone_program {
+  struct bodies bodies;
+  const int64_t *singles, *wides; /* (pairs) cones of one row, and of `wide` rows */
+  const int64_t *locals;          /* (pairs) unknowns of the pair alone */
+  int64_t wide, equal;
+  const double *entries; /* of each pair, row after row: 6 for the motion, then the locals */
+  const double *shared;  /* (6 count) */
+  double tolerance;      /* of equations, and of the gap */
+};
+
+/* Where things of each pair begin. */
+struct layout {
+  int64_t *row, *unknown, *entry, *square, rows, unknowns, entries, squares, cones, most_rows, most_locals;
+};
+
+/* A scaling of one cone: W = eta (2 v v' - J)^(1/2), see Vandenberghe (2010), "The CVXOPT linear and quadratic cone
+   program solvers", chapter 4. */
+struct scaling {
+  double eta, v[WIDEST];
+};
+
+struct solver {
+  const struct cone_program *program;
+  struct layout at;
+  struct body_matrix matrix;
+  struct scaling *scaling;
+  double *squares;  /* (M, M) factor of the locals, and (M, 6) what the locals take of the motion, of each pair */
+  double *scaled;   /* rows of one pair in the scale of their cones */
+  double *local;    /* (unknowns - 6 n) scratch */
+  double *pulled;   /* (6 n + locals) what the shared row pulls */
+  double *room, *repaired_x, *repaired_z, *rest_x, *rest_z;
+  double shared_weight; /* 1 / W^2 of the shared row; 0 for an equation */
+  double denominator;
+};
+
+static int64_t size_of(const struct cone_program *program) { return SIDE * program->bodies.count; }
+
+static int lay_out(const struct cone_program *program, struct layout *at) {
+  const int64_t pairs = program->bodies.pairs;
+  memset(at, 0, sizeof *at);
+  at->row = malloc(sizeof(int64_t) * (size_t)(4 * pairs + 4));
+  if (!at->row) return POISE_NO_MEMORY;
+  at->unknown = at->row + pairs + 1;
+  at->entry = at->unknown + pairs + 1;
+  at->square = at->entry + pairs + 1;
+  at->unknowns = size_of(program);
+  for (int64_t e = 0; e < pairs; e++) {
+    const int64_t rows = program->singles[e] + program->wide * program->wides[e], locals = program->locals[e];
+    at->row[e] = at->rows;
+    at->unknown[e] = at->unknowns;
+    at->entry[e] = at->entries;
+    at->square[e] = at->squares;
+    at->rows += rows;
+    at->unknowns += locals;
+    at->entries += rows * (SIDE + locals);
+    at->squares += locals * (locals + SIDE);
+    at->cones += program->singles[e] + program->wides[e];
+    if (rows > at->most_rows) at->most_rows = rows;
+    if (locals > at->most_locals) at->most_locals = locals;
+  }
+  at->row[pairs] = at->rows;
+  at->unknown[pairs] = at->unknowns;
+  return POISE_OK;
+}
+
+/* out (rows) = A x, the last row is the shared one */
+static void rows_of(const struct solver *solver, const double *x, double *restrict out) {
+  const struct cone_program *program = solver->program;
+  const struct layout *at = &solver->at;
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    const int64_t locals = program->locals[e];
+    const double *entry = program->entries + at->entry[e], *own = x + at->unknown[e];
+    double motion[SIDE];
+    relative_motion(&program->bodies, e, x, motion);
+    for (int64_t row = at->row[e]; row < at->row[e + 1]; row++, entry += SIDE + locals) {
+      double sum = 0.0;
+      for (int i = 0; i < SIDE; i++) sum += entry[i] * motion[i];
+      for (int64_t i = 0; i < locals; i++) sum += entry[SIDE + i] * own[i];
+      out[row] = sum;
+    }
+  }
+  double sum = 0.0;
+  for (int64_t i = 0; i < size_of(program); i++) sum += program->shared[i] * x[i];
+  out[at->rows] = sum;
+}
+
+/* out (unknowns) += A' z */
+static void columns_of(const struct solver *solver, const double *z, double *restrict out) {
+  const struct cone_program *program = solver->program;
+  const struct layout *at = &solver->at;
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    const int64_t locals = program->locals[e];
+    const double *entry = program->entries + at->entry[e];
+    double *own = out + at->unknown[e], wrench[SIDE] = {0.0};
+    for (int64_t row = at->row[e]; row < at->row[e + 1]; row++, entry += SIDE + locals) {
+      for (int i = 0; i < SIDE; i++) wrench[i] += entry[i] * z[row];
+      for (int64_t i = 0; i < locals; i++) own[i] += entry[SIDE + i] * z[row];
+    }
+    add_wrench(&program->bodies, e, wrench, out);
+  }
+  for (int64_t i = 0; i < size_of(program); i++) out[i] += program->shared[i] * z[at->rows];
+}
+
+/* Call for each cone of the program: `first` row, `size`, number. */
+#define FOR_EACH_CONE(program, at, first, size, number)                                                     \
+  for (int64_t e_ = 0, number = 0; e_ < (program)->bodies.pairs; e_++)                                      \
+    for (int64_t c_ = 0, first = (at)->row[e_], size = 1; c_ < (program)->singles[e_] + (program)->wides[e_]; \
+         first += size, c_++, number++)                                                                    \
+      if ((size = c_ < (program)->singles[e_] ? 1 : (program)->wide) > 0)
+
+static double edge(const double *u, int64_t size) { /* how far inside its cone u is */
+  double square = 0.0;
+  for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
+  return u[0] - sqrt(square);
+}
+
+static double minor(const double *u, int64_t size) { /* u' J u */
+  double square = 0.0;
+  for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
+  const double side = sqrt(square);
+  return (u[0] - side) * (u[0] + side);
+}
+
+/* The scaling for which W z = W^-1 s = `middle`; 0 when s or z is not inside the cone. */
+static int scale(const double *s, const double *z, int64_t size, struct scaling *w, double *middle) {
+  if (size == 1) {
+    if (!(s[0] > 0.0 && z[0] > 0.0)) return 0;
+    w->eta = sqrt(s[0] / z[0]);
+    w->v[0] = 1.0;
+    middle[0] = sqrt(s[0] * z[0]);
+    return 1;
+  }
+  const double in_s = minor(s, size), in_z = minor(z, size);
+  if (!(in_s > 0.0 && in_z > 0.0 && s[0] > 0.0 && z[0] > 0.0)) return 0;
+  const double of_s = sqrt(in_s), of_z = sqrt(in_z);
+  double product = 0.0;
+  for (int64_t i = 0; i < size; i++) product += s[i] * z[i];
+  const double gamma = sqrt((1.0 + product / (of_s * of_z)) / 2.0);
+  w->eta = sqrt(of_s / of_z);
+  w->v[0] = (s[0] / of_s + z[0] / of_z) / (2.0 * gamma);
+  for (int64_t i = 1; i < size; i++) w->v[i] = (s[i] / of_s - z[i] / of_z) / (2.0 * gamma);
+  /* on the hyperboloid to the last bit */
+  double square = 1.0;
+  for (int64_t i = 1; i < size; i++) square += w->v[i] * w->v[i];
+  w->v[0] = sqrt(square);
+  double along = w->v[0] * z[0];
+  for (int64_t i = 1; i < size; i++) along += w->v[i] * z[i];
+  middle[0] = w->eta * along;
+  for (int64_t i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) / (1.0 + w->v[0]) * w->v[i]);
+  return 1;
+}
+
+/* out = W u, or W^-1 u */
+static inline void apply_scaling(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
+  if (size == 1) {
+    out[0] = inverse ? u[0] / w->eta : u[0] * w->eta;
+    return;
+  }
+  const double sign = inverse ? -1.0 : 1.0, eta = inverse ? 1.0 / w->eta : w->eta;
+  double across = 0.0;
+  for (int64_t i = 1; i < size; i++) across += w->v[i] * u[i];
+  const double along = w->v[0] * u[0] + sign * across, more = sign * u[0] + across / (1.0 + w->v[0]);
+  for (int64_t i = 1; i < size; i++) out[i] = eta * (u[i] + more * w->v[i]);
+  out[0] = eta * along;
+}
+
+/* Jordan product u o v, and the solution of u o out = v */
+static void jordan(const double *u, const double *v, int64_t size, double *out) {
+  double sum = 0.0;
+  for (int64_t i = 0; i < size; i++) sum += u[i] * v[i];
+  for (int64_t i = 1; i < size; i++) out[i] = u[0] * v[i] + v[0] * u[i];
+  out[0] = sum;
+}
+
+static void divide(const double *u, const double *v, int64_t size, double *out) {
+  if (size == 1) {
+    out[0] = v[0] / u[0];
+    return;
+  }
+  double sum = 0.0;
+  for (int64_t i = 1; i < size; i++) sum += u[i] * v[i];
+  const double first = (u[0] * v[0] - sum) / minor(u, size);
+  for (int64_t i = 1; i < size; i++) out[i] = (v[i] - first * u[i]) / u[0];
+  out[0] = first;
+}
+
+/* The longest step from u along d that stays in the cone. */
+static double reach(const double *u, const double *d, int64_t size) {
+  if (size == 1) return d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
+  double a = d[0] * d[0], b = u[0] * d[0];
+  for (int64_t i = 1; i < size; i++) {
+    a -= d[i] * d[i];
+    b -= u[i] * d[i];
+  }
+  const double c = fmax(minor(u, size), 0.0), root = b * b - a * c;
+  double least = d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
+  if (a < 0.0 || (b < 0.0 && root >= 0.0)) {
+    /* the first positive root of a t^2 + 2 b t + c */
+    const double found = b < 0.0 || a >= 0.0 ? c / (-b + sqrt(fmax(root, 0.0))) : (-b - sqrt(fmax(root, 0.0))) / a;
+    if (found >= 0.0 && found < least) least = found;
+  }
+  return least;
+}
+
+/* Factor A' W^-2 A: the locals of each pair are eliminated, then the bodies. */
+static int factor(struct solver *solver) {
+  const struct cone_program *program = solver->program;
+  const struct layout *at = &solver->at;
+  const int64_t size = size_of(program);
+  int64_t cone = 0;
+  bodies_clear(&program->bodies, &solver->matrix, 0.0);
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    const int64_t locals = program->locals[e], width = SIDE + locals;
+    const double *entry = program->entries + at->entry[e];
+    double *scaled = solver->scaled, *square = solver->squares + at->square[e], *taken = square + locals * locals;
+    double stiffness[BLOCK] = {0.0};
+    int64_t rows = 0;
+    for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++, cone++) {
+      const int64_t high = c < program->singles[e] ? 1 : program->wide;
+      const struct scaling *w = solver->scaling + cone;
+      if (high == 1)
+        for (int64_t i = 0; i < width; i++) scaled[i] = entry[i] / w->eta;
+      else
+        for (int64_t i = 0; i < width; i++) {
+          double column[WIDEST], there[WIDEST];
+          for (int64_t r = 0; r < high; r++) column[r] = entry[r * width + i];
+          apply_scaling(w, column, high, 1, there);
+          for (int64_t r = 0; r < high; r++) scaled[r * width + i] = there[r];
+        }
+      entry += high * width;
+      scaled += high * width;
+      rows += high;
+    }
+    scaled = solver->scaled;
+    for (int64_t r = 0; r < rows; r++, scaled += width)
+      for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++) stiffness[SIDE * i + j] += scaled[i] * scaled[j];
+    if (locals) {
+      memset(square, 0, sizeof(double) * (size_t)(locals * width));
+      scaled = solver->scaled;
+      for (int64_t r = 0; r < rows; r++, scaled += width)
+        for (int64_t i = 0; i < locals; i++) {
+          const double value = scaled[SIDE + i];
+          if (value == 0.0) continue;
+          for (int64_t j = 0; j <= i; j++) square[i * locals + j] += value * scaled[SIDE + j];
+          for (int j = 0; j < SIDE; j++) taken[i * SIDE + j] += value * scaled[j];
+        }
+      if (cholesky(square, locals)) return POISE_NOT_POSITIVE;
+      for (int64_t i = 0; i < locals; i++) /* taken = L^-1 taken */
+        for (int j = 0; j < SIDE; j++) {
+          double sum = taken[i * SIDE + j];
+          for (int64_t k = 0; k < i; k++) sum -= square[i * locals + k] * taken[k * SIDE + j];
+          taken[i * SIDE + j] = sum / square[i * locals + i];
+        }
+      for (int64_t k = 0; k < locals; k++)
+        for (int i = 0; i < SIDE; i++)
+          for (int j = 0; j < SIDE; j++) stiffness[SIDE * i + j] -= taken[k * SIDE + i] * taken[k * SIDE + j];
+    }
+    bodies_add(&program->bodies, &solver->matrix, e, stiffness);
+  }
+  double largest = 0.0;
+  for (int64_t i = 0; i < size; i++)
+    largest = fmax(largest, solver->matrix.diagonal[BLOCK * (i / SIDE) + (SIDE + 1) * (i % SIDE)]);
+  for (int64_t i = 0; i < size; i++) { /* motions that no row feels */
+    double *on = solver->matrix.diagonal + BLOCK * (i / SIDE) + (SIDE + 1) * (i % SIDE);
+    *on += ENOUGH_KEPT * (*on + 1e-3 * fmin(largest, 1.0));
+  }
+  return bodies_factor(&program->bodies, &solver->matrix);
+}
+
+/* x (unknowns) = (A' W^-2 A without the shared row)^-1 right, which is x before */
+static void solve_without_shared(struct solver *solver, double *x) {
+  const struct cone_program *program = solver->program;
+  const struct layout *at = &solver->at;
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    const int64_t locals = program->locals[e];
+    if (!locals) continue;
+    const double *square = solver->squares + at->square[e], *taken = square + locals * locals;
+    double *own = x + at->unknown[e], wrench[SIDE] = {0.0};
+    for (int64_t i = 0; i < locals; i++) {
+      for (int64_t k = 0; k < i; k++) own[i] -= square[i * locals + k] * own[k];
+      own[i] /= square[i * locals + i];
+      for (int j = 0; j < SIDE; j++) wrench[j] -= taken[i * SIDE + j] * own[i];
+    }
+    add_wrench(&program->bodies, e, wrench, x);
+  }
+  bodies_solve(&program->bodies, &solver->matrix, x);
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    const int64_t locals = program->locals[e];
+    if (!locals) continue;
+    const double *square = solver->squares + at->square[e], *taken = square + locals * locals;
+    double *own = x + at->unknown[e], motion[SIDE];
+    relative_motion(&program->bodies, e, x, motion);
+    for (int64_t i = 0; i < locals; i++)
+      for (int j = 0; j < SIDE; j++) own[i] -= taken[i * SIDE + j] * motion[j];
+    for (int64_t i = locals - 1; i >= 0; i--) {
+      for (int64_t k = i + 1; k < locals; k++) own[i] -= square[k * locals + i] * own[k];
+      own[i] /= square[i * locals + i];
+    }
+  }
+}
+
+/* Prepare what `solve_once` needs of the shared row. */
+static int factor_with_shared(struct solver *solver) {
+  const int64_t size = size_of(solver->program);
+  const int status = factor(solver);
+  if (status) return status;
+  memset(solver->pulled, 0, sizeof(double) * (size_t)solver->at.unknowns);
+  memcpy(solver->pulled, solver->program->shared, sizeof(double) * (size_t)size);
+  solve_without_shared(solver, solver->pulled);
+  double sum = solver->shared_weight;
+  for (int64_t i = 0; i < size; i++) sum += solver->program->shared[i] * solver->pulled[i];
+  solver->denominator = sum;
+  return sum > 0.0 ? POISE_OK : POISE_NOT_POSITIVE;
+}
+
+/* out = W^-2 (or W^2) u of all rows but the shared one */
+static void apply_squares(const struct solver *solver, const double *u, int inverse, double *out) {
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
+    double there[WIDEST];
+    apply_scaling(solver->scaling + number, u + first, size, inverse, there);
+    apply_scaling(solver->scaling + number, there, size, inverse, out + first);
+  }
+}
+
+/* A' z = p, A x - W^2 z = r: x and z, without correction. */
+static void solve_once(struct solver *solver, const double *p, const double *r, double *x, double *z) {
+  const struct layout *at = &solver->at;
+  const int64_t size = size_of(solver->program);
+  apply_squares(solver, r, 1, z);
+  z[at->rows] = 0.0;
+  memcpy(x, p, sizeof(double) * (size_t)at->unknowns);
+  columns_of(solver, z, x);
+  solve_without_shared(solver, x);
+  /* shared x - weight zeta = r and (..) x + shared' zeta = ..: x -= pulled zeta */
+  double sum = -r[at->rows];
+  for (int64_t i = 0; i < size; i++) sum += solver->program->shared[i] * x[i];
+  const double zeta = sum / solver->denominator;
+  for (int64_t i = 0; i < at->unknowns; i++) x[i] -= zeta * solver->pulled[i];
+  rows_of(solver, x, solver->room);
+  for (int64_t i = 0; i < at->rows; i++) solver->room[i] -= r[i];
+  apply_squares(solver, solver->room, 1, z);
+  z[at->rows] = zeta;
+}
+
+static void solve_corrected(struct solver *solver, const double *p, const double *r, double *x, double *z) {
+  const struct layout *at = &solver->at;
+  solve_once(solver, p, r, x, z);
+  for (int round = 0; round < 1; round++) {
+    memcpy(solver->rest_x, p, sizeof(double) * (size_t)at->unknowns);
+    for (int64_t i = 0; i <= at->rows; i++) solver->rest_z[i] = -z[i];
+    columns_of(solver, solver->rest_z, solver->rest_x);
+    rows_of(solver, x, solver->room);
+    apply_squares(solver, z, 0, solver->rest_z);
+    solver->rest_z[at->rows] = solver->shared_weight * z[at->rows];
+    for (int64_t i = 0; i <= at->rows; i++) solver->rest_z[i] += r[i] - solver->room[i];
+    solve_once(solver, solver->rest_x, solver->rest_z, solver->repaired_x, solver->repaired_z);
+    for (int64_t i = 0; i < at->unknowns; i++) x[i] += solver->repaired_x[i];
+    for (int64_t i = 0; i <= at->rows; i++) z[i] += solver->repaired_z[i];
+  }
+}
+
+
+/* Move u into its cones: as `conelp` of CVXOPT begins. */
+static void into_cones(const struct solver *solver, double *u) {
+  const int with_shared = !solver->program->equal;
+  double least = with_shared ? u[solver->at.rows] : INFINITY;
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
+    (void)number;
+    least = fmin(least, edge(u + first, size));
+  }
+  const double more = least > 1e-8 ? 0.0 : 1.0 - least;
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
+    (void)number;
+    (void)size;
+    u[first] += more;
+  }
+  if (with_shared) u[solver->at.rows] += more;
+}
+
+static double dot(const double *u, const double *v, int64_t count) {
+  double sum = 0.0;
+  for (int64_t i = 0; i < count; i++) sum += u[i] * v[i];
+  return sum;
+}
+
+static double largest_of(const double *u, int64_t count) {
+  double largest = 0.0;
+  for (int64_t i = 0; i < count; i++) largest = fmax(largest, fabs(u[i]));
+  return largest;
+}
+
+/* min q x with A x + s = b: unknowns x, slacks s, multipliers z, and vectors of the step. */
+struct iterate {
+  double *x, *s, *z, *middle, *dx, *ds, *dz, *rest_x, *rest_z, *right, *aim, *q, *p;
+  double mu, dual, primal;
+};
+
+/* Scale all cones; 0 when an iterate has left them. */
+static int rescale(struct solver *solver, struct iterate *it) {
+  const int64_t shared = solver->at.rows;
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number)
+    if (!scale(it->s + first, it->z + first, size, solver->scaling + number, it->middle + first)) return 0;
+  if (solver->program->equal) {
+    solver->shared_weight = 0.0;
+    return 1;
+  }
+  if (!(it->s[shared] > 0.0 && it->z[shared] > 0.0)) return 0;
+  solver->shared_weight = it->s[shared] / it->z[shared];
+  it->middle[shared] = sqrt(it->s[shared] * it->z[shared]);
+  return 1;
+}
+
+/* What is left of the equations, and the mean of the products of slacks and multipliers. */
+static void measure(const struct solver *solver, struct iterate *it) {
+  const struct layout *at = &solver->at;
+  memcpy(it->rest_x, it->q, sizeof(double) * (size_t)at->unknowns);
+  columns_of(solver, it->z, it->rest_x);
+  rows_of(solver, it->x, it->rest_z);
+  for (int64_t i = 0; i <= at->rows; i++) it->rest_z[i] += it->s[i];
+  it->rest_z[at->rows] -= 1.0;
+  it->mu = dot(it->s, it->z, at->rows + 1) / (double)(at->cones + !solver->program->equal);
+  it->dual = largest_of(it->rest_x, at->unknowns);
+  it->primal = largest_of(it->rest_z, at->rows + 1);
+}
+
+/* aim (rows) = centre - middle o middle, and if `curved`, - (scaled change of s) o (scaled change of z). */
+static void aim_at(const struct solver *solver, struct iterate *it, double centre, int curved) {
+  const int64_t shared = solver->at.rows;
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
+    double square[WIDEST], one[WIDEST], other[WIDEST], cross[WIDEST] = {0.0};
+    jordan(it->middle + first, it->middle + first, size, square);
+    if (curved) {
+      apply_scaling(solver->scaling + number, it->ds + first, size, 1, one);
+      apply_scaling(solver->scaling + number, it->dz + first, size, 0, other);
+      jordan(one, other, size, cross);
+    }
+    for (int64_t i = 0; i < size; i++) it->aim[first + i] = -square[i] - cross[i];
+    it->aim[first] += centre;
+  }
+  if (!solver->program->equal)
+    it->aim[shared] = centre - it->s[shared] * it->z[shared] - (curved ? it->ds[shared] * it->dz[shared] : 0.0);
+}
+
+/* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains. */
+static void direction(struct solver *solver, struct iterate *it, double kept, int corrected) {
+  const struct layout *at = &solver->at;
+  const int64_t shared = at->rows;
+  for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -kept * it->rest_x[i];
+  FOR_EACH_CONE(solver->program, at, first, size, number) {
+    double there[WIDEST];
+    divide(it->middle + first, it->aim + first, size, there);
+    apply_scaling(solver->scaling + number, there, size, 0, it->ds + first);
+  }
+  it->ds[shared] = solver->program->equal ? 0.0 : it->aim[shared] / it->z[shared];
+  for (int64_t i = 0; i <= at->rows; i++) it->right[i] = -kept * it->rest_z[i] - it->ds[i];
+  (corrected ? solve_corrected : solve_once)(solver, it->p, it->right, it->dx, it->dz);
+  apply_squares(solver, it->dz, 0, it->right);
+  it->right[shared] = solver->shared_weight * it->dz[shared];
+  for (int64_t i = 0; i <= at->rows; i++) it->ds[i] -= it->right[i];
+  if (solver->program->equal) it->ds[shared] = 0.0;
+}
+
+/* The longest step that keeps u in its cones. */
+static double longest(const struct solver *solver, const double *u, const double *du) {
+  double least = solver->program->equal ? INFINITY : reach(u + solver->at.rows, du + solver->at.rows, 1);
+  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
+    (void)number;
+    least = fmin(least, reach(u + first, du + first, size));
+  }
+  return least;
+}
+
+static void step(const struct solver *solver, struct iterate *it, double slacks, double multipliers) {
+  for (int64_t i = 0; i < solver->at.unknowns; i++) it->x[i] += slacks * it->dx[i];
+  for (int64_t i = 0; i <= solver->at.rows; i++) {
+    it->s[i] += slacks * it->ds[i];
+    it->z[i] += multipliers * it->dz[i];
+  }
+}
+
+/* Let x, s and z be the analytic centre: the slacks whose product is largest, and z their inverses. Without one (there
+   is no motion that opens everything, or no forces inside all cones), the least slacks and multipliers. Returns
+   whether there is one, or a negative status. */
+static int centre(struct solver *solver, struct iterate *it) {
+  const struct layout *at = &solver->at;
+  solver->shared_weight = !solver->program->equal;
+  FOR_EACH_CONE(solver->program, at, first, size, number) {
+    (void)first;
+    solver->scaling[number] = (struct scaling){.eta = 1.0, .v = {1.0}};
+    (void)size;
+  }
+  if (factor_with_shared(solver)) return -1;
+  memset(it->p, 0, sizeof(double) * (size_t)at->unknowns);
+  memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
+  memset(it->z, 0, sizeof(double) * (size_t)(at->rows + 1));
+  it->right[at->rows] = 1.0;
+  solve_corrected(solver, it->p, it->right, it->x, it->s);
+  for (int64_t i = 0; i <= at->rows; i++) it->s[i] = -it->s[i];
+  into_cones(solver, it->s);
+  into_cones(solver, it->z);
+  if (solver->program->equal) it->s[at->rows] = 0.0;
+  for (int steps = 0; steps < MOST_STEPS; steps++) {
+    measure(solver, it);
+    if (!isfinite(it->mu) || !rescale(solver, it) || factor_with_shared(solver)) return 0;
+    aim_at(solver, it, 1.0, 0);
+    double apart = largest_of(it->aim, at->rows + !solver->program->equal);
+    if (apart <= CENTRED && it->primal <= LEFT * 1e-2 && it->dual <= LEFT * 1e-2) return 1;
+    direction(solver, it, 1.0, 1);
+    const double along = fmin(longest(solver, it->s, it->ds), longest(solver, it->z, it->dz));
+    step(solver, it, fmin(1.0, 0.9 * along), fmin(1.0, 0.9 * along));
+    if (!(along > 1e-6)) return 0;
+  }
+  return 0;
+}
+
+/* Leave the centre for a load: the multipliers balance it, near the scaled ones of the centre. */
+static void leave_centre(struct solver *solver, struct iterate *it, int central) {
+  const struct layout *at = &solver->at;
+  memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
+  for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -it->q[i];
+  solve_corrected(solver, it->p, it->right, it->dx, it->dz);
+  if (!central) {
+    memcpy(it->z, it->dz, sizeof(double) * (size_t)(at->rows + 1));
+    into_cones(solver, it->z);
+    return;
+  }
+  const double far = sqrt(fmax(-dot(it->q, it->dx, at->unknowns), 0.0)) / NEAR;
+  for (int64_t i = 0; i <= at->rows; i++) it->z[i] = far * it->z[i] + it->dz[i];
+}
+
+/* Solve for the load in `q`, from the centre that x, s, z and the factors are of, or until the most power is known to be
+   at most `enough`. Returns SOLVED or STUCK. */
+static int solve_program(struct solver *solver, struct iterate *it, int central, double enough, int64_t *steps) {
+  const struct layout *at = &solver->at;
+  const double tolerance = solver->program->tolerance, size_q = largest_of(it->q, at->unknowns);
+  leave_centre(solver, it, central);
+  for (*steps = 0; *steps < MOST_STEPS; ++*steps) {
+    measure(solver, it);
+    const double value = dot(it->q, it->x, at->unknowns), apart = fabs(value + it->z[at->rows]);
+    if (!isfinite(it->mu)) return STUCK;
+    if (it->primal <= LEFT * (1.0 + largest_of(it->x, at->unknowns)) && it->dual <= LEFT * (1.0 + size_q) &&
+        (apart <= tolerance * fmax(1.0, fabs(value)) || it->z[at->rows] <= enough))
+      return SOLVED;
+    if (!rescale(solver, it) || factor_with_shared(solver)) return STUCK;
+    aim_at(solver, it, 0.0, 0);
+    direction(solver, it, 1.0, 0);
+    const double far = fmin(1.0, longest(solver, it->s, it->ds)), high = fmin(1.0, longest(solver, it->z, it->dz));
+    double after = 0.0;
+    for (int64_t i = 0; i <= at->rows; i++) after += (it->s[i] + far * it->ds[i]) * (it->z[i] + high * it->dz[i]);
+    after /= it->mu * (double)(at->cones + !solver->program->equal);
+    const double left = fmin(1.0, fmax(after * after * after, 0.0));
+    aim_at(solver, it, left * it->mu, 1);
+    direction(solver, it, 1.0 - left, fmax(it->primal, it->dual) > ROUNDED * (1.0 + size_q));
+    const double slacks = longest(solver, it->s, it->ds), multipliers = longest(solver, it->z, it->dz);
+    if (!(fmin(slacks, multipliers) > 1e-10)) return STUCK;
+    step(solver, it, fmin(1.0, SHORT * slacks), fmin(1.0, SHORT * multipliers));
+  }
+  return STUCK;
+}
+
+/* One room for all vectors; what the centre has comes first, its numbers in `kept`. */
+static double *prepare(const struct cone_program *program, struct solver *solver, struct iterate *it, int64_t *whole,
+                       int64_t *kept) {
+  const struct layout *at = &solver->at;
+  const int64_t x = at->unknowns, z = at->rows + 1, body_room = bodies_room(&program->bodies, 1);
+  const int64_t scalings = (int64_t)(sizeof(struct scaling) / sizeof(double)) * at->cones;
+  *kept = body_room + at->squares + scalings + 2 * x + 3 * z;
+  const int64_t total = *kept + at->most_rows * (SIDE + at->most_locals) + 6 * x + 9 * z;
+  double *room = calloc((size_t)total, sizeof(double)), *next = room;
+  if (!room) return NULL;
+#define TAKE(name, count) (name) = next, next += (count)
+  solver->matrix = bodies_laid_out(&program->bodies, 1, next, whole);
+  next += body_room;
+  TAKE(solver->squares, at->squares);
+  solver->scaling = (struct scaling *)next, next += scalings;
+  TAKE(solver->pulled, x);
+  TAKE(it->x, x);
+  TAKE(it->s, z);
+  TAKE(it->z, z);
+  TAKE(it->middle, z);
+  TAKE(solver->scaled, at->most_rows * (SIDE + at->most_locals));
+  TAKE(solver->repaired_x, x);
+  TAKE(solver->rest_x, x);
+  TAKE(it->dx, x);
+  TAKE(it->rest_x, x);
+  TAKE(it->q, x);
+  TAKE(it->p, x);
+  TAKE(solver->room, z);
+  TAKE(solver->repaired_z, z);
+  TAKE(solver->rest_z, z);
+  TAKE(it->ds, z);
+  TAKE(it->dz, z);
+  TAKE(it->rest_z, z);
+  TAKE(it->right, z);
+  TAKE(it->aim, z);
+#undef TAKE
+  return room;
+}
+
+struct cone_solver {
+  struct solver solver;
+  struct iterate iterate;
+  double *room, *begun; /* all vectors, and those of the centre */
+  int64_t *whole, kept;
+  double weight, denominator;
+  int central;
+};
+
+POISE_EXPORT void poise_cones_free(struct cone_solver *made) {
+  if (!made) return;
+  free(made->begun);
+  free(made->room);
+  free(made->whole);
+  free(made->solver.at.row);
+  free(made);
+}
+
+/* Keep the centre that has been found, with its factors. */
+static void keep_centre(struct cone_solver *made) {
+  memcpy(made->begun, made->room, sizeof(double) * (size_t)made->kept);
+  made->weight = made->solver.shared_weight;
+  made->denominator = made->solver.denominator;
+}
+
+/* The centre of a program, to begin from; NULL without memory. The program stays where it is. */
+POISE_EXPORT struct cone_solver *poise_cones_new(const struct cone_program *program) {
+  struct cone_solver *made = calloc(1, sizeof *made);
+  if (!made) return NULL;
+  made->solver.program = program;
+  made->whole = malloc(sizeof(int64_t) * (size_t)(7 * program->bodies.count));
+  if (made->whole && !lay_out(program, &made->solver.at))
+    made->room = prepare(program, &made->solver, &made->iterate, made->whole, &made->kept);
+  if (made->room) made->begun = malloc(sizeof(double) * (size_t)made->kept);
+  if (!made->begun) {
+    poise_cones_free(made);
+    return NULL;
+  }
+  made->central = centre(&made->solver, &made->iterate);
+  keep_centre(made);
+  return made;
+}
+
+/* After a change of the entries: the motion of the old centre will do while its slacks are inside their cones. */
+POISE_EXPORT void poise_cones_renew(struct cone_solver *made) {
+  struct solver *solver = &made->solver;
+  struct iterate *it = &made->iterate;
+  int inside = made->central > 0;
+  if (inside) {
+    memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
+    rows_of(solver, it->x, it->s);
+    for (int64_t i = 0; i <= solver->at.rows; i++) it->s[i] = -it->s[i];
+    it->s[solver->at.rows] += 1.0;
+    inside = rescale(solver, it) && !factor_with_shared(solver);
+  }
+  if (!inside) made->central = centre(solver, it);
+  keep_centre(made);
+}
+
+/* For each load (loads, 6 n): the most of w y, what the multipliers prove that it is at most, y (6 n), and the
+   multipliers (rows + 1, the shared row last). Where that is at most `enough` (loads), they need not be any closer.
+   `outcome` (loads) is 0 where it was found; other answers are of no use. */
+POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, const double *load, const double *enough,
+                                    double *value, double *upper, double *motion, double *multipliers,
+                                    int64_t *outcome, int64_t *steps) {
+  struct solver *solver = &made->solver;
+  struct iterate *it = &made->iterate;
+  const int64_t size = size_of(solver->program), rows = solver->at.rows + 1;
+  for (int64_t q = 0; q < loads; q++) {
+    outcome[q] = STUCK;
+    if (made->central < 0) continue;
+    memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
+    solver->shared_weight = made->weight;
+    solver->denominator = made->denominator;
+    for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
+    outcome[q] = solve_program(solver, it, made->central, enough[q], steps + q);
+    value[q] = -dot(it->q, it->x, solver->at.unknowns);
+    upper[q] = it->z[rows - 1];
+    memcpy(motion + q * size, it->x, sizeof(double) * (size_t)size);
+    memcpy(multipliers + q * rows, it->z, sizeof(double) * (size_t)rows);
+  }
+}

@@ -1,0 +1,112 @@
+"""Follows a block on elastic contacts from rest while a load grows, until it collapses.
+
+The power of the load on the displacement is set, and the factor of the load is found. While it collapses the
+displacement grows under a load that does not: there a given factor has no equilibrium, or many; a given power has one.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.types import Array
+
+# The first step loads the block by this share of the most that is asked, or of its weight.
+_FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
+# How far the next step goes, as a multiple of the way so far: after many Newton steps, or few.
+_AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
+_MANY, _SURE = 12, 1.5
+"""After more Newton steps than this a longer step may have led to another equilibrium: a shorter one is tried."""
+_LEAST_GROWTH, _STEPS = 1.1, 40
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """An equilibrium on the way.
+
+    Args:
+        displacement: (6 n,).
+        factor: of the load.
+        held: the contacts alone carry the load.
+        compliance: power of the load on the change of the displacement by it; 0: not known.
+        steps: Newton steps taken.
+    """
+
+    displacement: Array
+    factor: float
+    held: bool = True
+    compliance: float = 0.0
+    steps: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class LoadPath:
+    """How far a block was followed.
+
+    Args:
+        points: equilibria on the way, the first at rest.
+        end: (6 n,) the displacement at which it was left.
+        ended: it collapsed, or reached the factor asked for; otherwise no equilibrium was found beyond.
+    """
+
+    points: Sequence[PathPoint]
+    end: Array
+    ended: bool
+
+    @property
+    def best(self) -> PathPoint:
+        """The equilibrium with the largest factor."""
+        return max(self.points, key=lambda point: point.factor)
+
+
+EquilibriumSearch = Callable[[Array], PathPoint | None]
+"""From a displacement to the equilibrium at which the load has the same power; None where none is found."""
+
+
+def follow(
+    reach: EquilibriumSearch,
+    rest: Array,
+    response: Array,
+    load: Array,
+    above: float,
+    weight: float,
+    tolerance: float,
+) -> LoadPath:
+    """Follow a block from rest until the factor of a load grows no more, or is `above`.
+
+    Args:
+        reach: finds equilibria.
+        rest: (6 n,) displacement without the load.
+        response: (6 n,) change of it under a small load, per factor.
+        load: (6 n,).
+        above: no more than this is asked.
+        weight: size of the load at rest.
+        tolerance: it collapses where the factor grows by less than this share over a doubling of the way.
+    """
+    compliance = float(load @ response)
+    first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
+    way, done, ahead = compliance * first, 0.0, _AFTER_FEW
+    slope = response / compliance
+    guess = rest + way * slope
+    points = [PathPoint(rest, 0.0)]
+    for _ in range(_STEPS):
+        here, last = reach(guess), points[-1]
+        if here is None or (here.steps > _MANY and done and ahead > _SURE):
+            ahead = float(np.sqrt(ahead))
+            if ahead < _LEAST_GROWTH:
+                return LoadPath(points, last.displacement, False)
+            way = done * ahead if done else way / 4
+            guess = last.displacement + (way - done) * slope
+            continue
+        if not here.held:
+            return LoadPath(points, here.displacement, True)
+        points.append(here)
+        flat = tolerance * here.factor
+        collapsed = done and here.factor - last.factor <= flat * np.log2(way / done)
+        if here.factor >= above or collapsed or (here.compliance and way / here.compliance <= flat):
+            return LoadPath(points, here.displacement, True)
+        slope = (here.displacement - last.displacement) / (way - done)
+        ahead = _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY
+        done, way = way, ahead * way
+        guess = here.displacement + (way - done) * slope
+    return LoadPath(points, points[-1].displacement, True)

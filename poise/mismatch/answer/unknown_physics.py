@@ -1,0 +1,79 @@
+"""Physics that an answer does not name: outside the library, or not to be distinguished from other effects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from poise.mismatch.answer.named import NamedEffect
+from poise.mismatch.answer.residual_test import ResidualTest
+from poise.mismatch.inference import (
+    Dependence,
+    DependenceCurve,
+    HypothesisFit,
+    Problem,
+    dependence_curve,
+    state_description,
+)
+
+_LEAST_NAMED = 0.25
+"""Probability below which an effect is not named: it is one of several that explain the recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownPhysics:
+    """Physics outside the library: the states that it correlates with, and its curve if there is one."""
+
+    depends_on: tuple[str, ...]
+    sentence: str
+    shape: DependenceCurve | None
+
+
+def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """The effects of an answer that other causes explain too often to be named."""
+    return [each for each in named if each.belief.probability < _LEAST_NAMED]
+
+
+def likelihoods(effect: NamedEffect) -> str:
+    """The probability of an effect and of its likeliest rivals, and what speaks against it."""
+    found = [(effect.effect.name, effect.belief.probability), *effect.belief.rivals[:3]]
+    state = effect.belief.varies_with
+    doubt = f" ({effect.effect.name} would have to vary with {state.replace('_', ' ')})" if state else ""
+    return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in found) + doubt
+
+
+def unknown_physics(
+    problem: Problem, best: HypothesisFit, rest: ResidualTest, unnamed: Sequence[NamedEffect] = ()
+) -> UnknownPhysics | None:
+    """What no name of an answer explains; None where nothing is left.
+
+    Args:
+        problem, best: the signal and the fit of the answer.
+        rest: the test of its residual.
+        unnamed: effects of the fit that are not named.
+    """
+    parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
+    if not parts and not rest.structured:
+        said = "; ".join(likelihoods(each) for each in unnamed)
+        sentence = f"Something acts that this recording does not determine; it may be {said}."
+        return UnknownPhysics((), sentence, None) if unnamed else None
+    depends = list(dict.fromkeys(part.effect.state for part in parts if isinstance(part.effect, Dependence)))
+    depends += [state for state in rest.depends_on if state not in depends and not parts]
+    first = parts[0] if parts else None
+    if first is not None and isinstance(first.effect, Dependence):
+        return UnknownPhysics(
+            tuple(depends),
+            first.effect.sentence(problem.recorded, first.values),
+            dependence_curve(first.effect, problem.recorded, first.values),
+        )
+    if rest.louder:
+        return UnknownPhysics(
+            tuple(depends),
+            "An effect outside the library remains: the sample-to-sample noise is larger while the robot moves fast "
+            "than while it moves slowly, unlike the noise of a sensor.",
+            None,
+        )
+    what = " and ".join(state_description(state) for state in depends) or "no recorded state"
+    sentence = (
+        f"An effect outside the library remains: the residual has {100 * rest.excess:.0f} % more energy than "
+        f"the sensor's noise may have; it correlates with {what}."
+    )
+    return UnknownPhysics(tuple(depends), sentence, None)

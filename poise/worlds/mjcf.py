@@ -1,0 +1,206 @@
+"""MJCF, the models of MuJoCo; MuJoCo itself reads them (extra `sim`)."""
+
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from poise.assembly import Assembly, Mesh
+from poise.assembly.scene import Shape
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose, rotation_of_quaternion
+from poise.inertia import InertialParameters
+from poise.shape import check_mesh
+from poise.types import Array
+from poise.worlds import solids
+from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
+from poise.worlds.groups import WorldLink, grouped
+from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place
+
+_FREE = 0
+"""mjtJoint of a body that moves freely."""
+
+
+class MjcfFormat(WorldFormat):
+    """A model as it is at its start; the coefficient of two surfaces is the greater one, as in MuJoCo."""
+
+    name = "mjcf"
+    description = "MJCF, the models of MuJoCo"
+    suffixes = (".xml", ".mjcf")
+
+    def recognises(self, head: bytes) -> bool:
+        """See `WorldFormat`."""
+        return b"<mujoco" in head
+
+    def read(self, path: Path) -> WorldContent:
+        """See `WorldFormat`.
+
+        Raises:
+            InputError: also UNSUPPORTED without MuJoCo.
+        """
+        model, data = _compiled(path)
+        return _Reading(model, data).content()
+
+    def written(self, assembly: Assembly, path: Path) -> tuple[bytes, tuple[str, ...]]:
+        """See `WorldFormat`. What is not convex becomes convex pieces; meshes are in the file."""
+        friction = assembly.largest_friction if assembly.friction is None else assembly.friction
+        attributes = f'friction="{friction!r} 0 0" condim="3"'
+        bodies, meshes, lost, geoms = [], [], list[str](), dict[str, list[str]]()
+        for item in assembly.objects:
+            geom, mesh, hull = mjcf_geom(item, escape(item.id, {'"': "&quot;"}), attributes)
+            geoms[item.id] = [part.partition('"')[0] for part in geom.split('name="')[1:]]
+            meshes.append(mesh)
+            if hull:
+                lost.append(f"{item.id}: too round to cut into convex pieces; its convex hull is written")
+            inside = geom if item.fixed else f"<freejoint/>{mjcf_inertial(item)}{geom}"
+            bodies.append(f"    <body name={quoteattr(item.id)} {mjcf_place(item.pose)}>{inside}</body>\n")
+        pairs = "".join(
+            f'<pair geom1="{one}" geom2="{other}" friction="{p.coefficient!r} {p.coefficient!r} 0 0 0" condim="3"/>'
+            for p in assembly.friction_pairs
+            for one in geoms[p.objects[0]]
+            for other in geoms[p.objects[1]]
+        )
+        gravity = " ".join(repr(float(value)) for value in assembly.gravity)
+        remarks = "".join(f"\n  not written: {each}" for each in lost).replace("--", "- -")
+        text = f"""<!-- a scene of Poise{remarks} -->
+<mujoco model={quoteattr(path.stem)}>
+  <option timestep="0.001" gravity="{gravity}" cone="elliptic" impratio="100" noslip_iterations="5"/>
+  <default><geom solref="0.004 1"/></default>
+  <asset>{"".join(meshes)}</asset>
+  <worldbody>
+    <light pos="0 0 4"/>
+{"".join(bodies)}  </worldbody>
+  <contact>{pairs}</contact>
+</mujoco>
+"""
+        return text.encode(), tuple(lost)
+
+
+def _compiled(path: Path) -> tuple[Any, Any]:
+    try:
+        import mujoco
+    except ImportError as error:
+        what = f"{path}: MuJoCo reads MJCF, and is not installed: pip install 'poise[sim]'"
+        raise InputError(ErrorCode.UNSUPPORTED, what) from error
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: {' '.join(str(error).split())}") from error
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+class _Reading:
+    """A compiled model at its start."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+        self._notes: list[str] = []
+        self._names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+
+    def content(self) -> WorldContent:
+        """The bodies of the world, and what stands in the worldbody itself."""
+        model = self._model
+        bodies = [self._alone(number) for number in range(model.ngeom) if model.geom_bodyid[number] == 0]
+        known = [body for body in bodies if body is not None]
+        for root in range(1, model.nbody):
+            if model.body_weldid[root] == root or (model.body_weldid[root] == 0 and model.body_parentid[root] == 0):
+                known += self._rigid(root)
+        pairs = {}
+        for number in range(model.npair):
+            ends = [self._owner(int(model.pair_geom1[number])), self._owner(int(model.pair_geom2[number]))]
+            pairs[ends[0], ends[1]] = float(model.pair_friction[number][0])
+        return WorldContent(tuple(known), np.array(model.opt.gravity), max, pairs, tuple(self._notes))
+
+    def _owner(self, geom: int) -> str:
+        """The name of the body that a geom belongs to in `content`."""
+        body = int(self._model.geom_bodyid[geom])
+        return self._geom_name(geom) if body == 0 else self._names[self._root(body)]
+
+    def _root(self, body: int) -> int:
+        weld = int(self._model.body_weldid[body])
+        while weld == 0 and self._model.body_parentid[body] != 0:
+            body = int(self._model.body_parentid[body])
+        return weld or body
+
+    def _rigid(self, root: int) -> list[WorldBody]:
+        """A body and those that are welded to it."""
+        model = self._model
+        members = [body for body in range(1, model.nbody) if self._root(body) == root]
+        joints = range(model.body_jntadr[root], model.body_jntadr[root] + model.body_jntnum[root])
+        free = [int(model.jnt_type[joint]) == _FREE for joint in joints]
+        if free and not any(free):
+            self._notes.append(f"{self._names[root]}: a joint holds it; it is taken as fixed where it is at the start")
+        links = [self._link(body) for body in members]
+        joined = [(self._names[root], link.name) for link in links]
+        return grouped(self._names[root], links, joined, not any(free), self._notes)
+
+    def _link(self, body: int) -> WorldLink:
+        model = self._model
+        geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+        found = [self._solid(geom) for geom in geoms]
+        turn = _rotation(model.body_iquat[body])
+        at_com = InertialParameters(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
+        inertial = at_com.in_frame(turn, np.array(model.body_ipos[body])) if model.body_mass[body] > 0 else None
+        frame = self._data.body(body)
+        pose = Pose(np.array(frame.xmat).reshape(3, 3), np.array(frame.xpos))
+        return WorldLink(self._names[body], pose, tuple(each for each in found if each is not None), inertial)
+
+    def _alone(self, geom: int) -> WorldBody | None:
+        """A geom of the worldbody, as a body that does not move."""
+        solid = self._solid(geom)
+        return None if solid is None else WorldBody(self._geom_name(geom), Pose.identity(), (solid,), fixed=True)
+
+    def _geom_name(self, geom: int) -> str:
+        return str(self._model.geom(geom).name or f"world geom {geom}")
+
+    def _solid(self, geom: int) -> WorldSolid | None:
+        """A geom in the frame of its body; None for one that touches nothing, or has no solid."""
+        model = self._model
+        if not model.geom_contype[geom] and not model.geom_conaffinity[geom]:
+            return None
+        pose = Pose(_rotation(model.geom_quat[geom]), np.array(model.geom_pos[geom]))
+        kind = _KINDS.get(int(model.geom_type[geom]), "")
+        if kind == "plane":
+            pose = pose @ Pose(np.eye(3), np.array([0.0, 0.0, -solids.PLANE_DEPTH]))
+        shape = self._mesh(geom) if kind == "mesh" else _primitive(kind, np.array(model.geom_size[geom]))
+        if shape is None:
+            self._notes.append(f"{self._geom_name(geom)}: a height field or a signed distance is not read; left out")
+            return None
+        return WorldSolid(shape, pose, float(model.geom_friction[geom][0]))
+
+    def _mesh(self, geom: int) -> Mesh:
+        model, number = self._model, int(self._model.geom_dataid[geom])
+        first, count = model.mesh_vertadr[number], model.mesh_vertnum[number]
+        begin, triangles = model.mesh_faceadr[number], model.mesh_facenum[number]
+        vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+        faces = np.array(model.mesh_face[begin : begin + triangles], dtype=np.int64)
+        whole = check_mesh(vertices, faces, name=model.mesh(number).name)
+        mesh = Mesh(whole.vertices, whole.triangles, notes=whole.notes)
+        if not mesh.polyhedron.convex:
+            self._notes.append(f"{model.mesh(number).name}: read as it is; MuJoCo lets its convex hull touch")
+        return mesh
+
+
+_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
+"""mjtGeom."""
+
+
+def _primitive(kind: str, size: Array) -> Shape | None:
+    if kind == "plane":
+        return solids.plane()
+    if kind == "sphere":
+        return solids.sphere(size[0])
+    if kind == "capsule":
+        return solids.capsule(size[0], 2 * size[1])
+    if kind == "ellipsoid":
+        return solids.ellipsoid(size)
+    if kind == "cylinder":
+        return solids.cylinder(size[0], 2 * size[1])
+    return solids.box(2 * size) if kind == "box" else None
+
+
+def _rotation(wxyz: Array) -> Array:
+    return rotation_of_quaternion(np.roll(np.asarray(wxyz), -1))

@@ -1,0 +1,59 @@
+"""Objects as elements of MJCF (https://mujoco.readthedocs.io/en/stable/XMLreference.html)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from poise.assembly import Box, Cylinder, RigidObject
+from poise.errors import PoiseError
+from poise.exporting import mjcf_inertial as inertial_element
+from poise.geometry import Pose, quaternion_of_rotation
+from poise.types import Array
+from poise.worlds.assembling import inertial_of
+from poise.worlds.pieces import convex_pieces
+
+
+def mjcf_place(pose: Pose) -> str:
+    """The attributes `pos` and `quat`."""
+    x, y, z, w = quaternion_of_rotation(pose.rotation)
+    return f'pos="{_numbers(pose.translation)}" quat="{_numbers([w, x, y, z])}"'
+
+
+def mjcf_inertial(item: RigidObject) -> str:
+    """The element `inertial` of an object's body."""
+    return inertial_element(inertial_of(item))
+
+
+def mjcf_geom(item: RigidObject, name: str, attributes: str, hull: bool = False) -> tuple[str, str, bool]:
+    """The geoms of an object, the meshes that they use, and whether they are the convex hull of a body that is not.
+
+    Args:
+        item: the object.
+        name: of the geom; pieces of a solid are `name/1` and so on.
+        attributes: of each geom, such as friction.
+        hull: take the hull of what is not convex, in place of convex pieces.
+    """
+    shape, place = item.shape, f'name="{name}" {attributes}'
+    if isinstance(shape, Box):
+        return f'<geom type="box" size="{_numbers(np.array(shape.size) / 2)}" {place}/>', "", False
+    if isinstance(shape, Cylinder):
+        return f'<geom type="cylinder" size="{_numbers([shape.radius, shape.length / 2])}" {place}/>', "", False
+    surface, simple = shape.polyhedron, False
+    pieces = [surface.vertices]
+    if not surface.convex:
+        simple = hull
+        try:
+            pieces = pieces if hull else convex_pieces(surface)
+        except PoiseError:  # too round for pieces
+            simple = True
+    names = [name] if len(pieces) == 1 else [f"{name}/{number}" for number in range(1, len(pieces) + 1)]
+    # MuJoCo centres a mesh on its inertial frame; the geom's own pose then brings it back.
+    geoms = "".join(f'<geom type="mesh" mesh="{each}" name="{each}" {attributes}/>' for each in names)
+    meshes = (
+        f'<mesh name="{each}" vertex="{_numbers(piece.ravel())}"/>' for each, piece in zip(names, pieces, strict=True)
+    )
+    return geoms, "".join(meshes), simple
+
+
+def _numbers(values: Sequence[float] | Array) -> str:
+    return " ".join(f"{float(value):.12g}" for value in values)

@@ -1,0 +1,123 @@
+"""URDF (http://wiki.ros.org/urdf/XML): objects and fixtures described like robots."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+
+from poise.assembly.scene import Shape
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.inertia import InertialParameters
+from poise.worlds import solids
+from poise.worlds.base import WorldContent, WorldFormat, WorldSolid
+from poise.worlds.groups import WORLD, WorldLink, grouped
+from poise.worlds.mesh_sources import scaled_mesh
+from poise.worlds.xml_tree import AXES_OF_INERTIA, inertial_at, numbers_of, pose_of_rpy, read_xml
+
+
+class UrdfFormat(WorldFormat):
+    """One object, or several that a link `world` holds by joints that are fixed or floating."""
+
+    name = "urdf"
+    description = "URDF, links with collision shapes"
+    suffixes = (".urdf", ".xml")
+
+    def recognises(self, head: bytes) -> bool:
+        """See `WorldFormat`."""
+        return b"<robot" in head
+
+    def read(self, path: Path) -> WorldContent:
+        """See `WorldFormat`."""
+        root, notes = read_xml(path, "robot"), list[str]()
+        if b"xacro:" in path.read_bytes()[:65536]:
+            raise InputError(ErrorCode.UNSUPPORTED, f"{path}: a xacro file; run xacro on it first")
+        poses = _poses(root)
+        links = [
+            _link(link, poses[name], path.parent)
+            for link in root.findall("link")
+            if (name := link.get("name", "")) != WORLD
+        ]
+        joined = []
+        for joint in root.findall("joint"):
+            kind, parent, child = joint.get("type", "fixed"), _end(joint, "parent"), _end(joint, "child")
+            if kind == "floating":
+                continue
+            if kind != "fixed":
+                notes.append(f"the joint {joint.get('name')} is taken as rigid, at zero")
+            joined.append((parent, child))
+        return WorldContent(tuple(grouped(root.get("name", "object"), links, joined, False, notes)), notes=tuple(notes))
+
+
+def _end(joint: ET.Element, name: str) -> str:
+    found = joint.find(name)
+    return "" if found is None else found.get("link", "")
+
+
+def _origin(element: ET.Element | None, where: str) -> Pose:
+    origin = None if element is None else element.find("origin")
+    if origin is None:
+        return Pose.identity()
+    return pose_of_rpy(
+        numbers_of(origin.get("xyz"), 3, f"{where}: xyz", "0 0 0"),
+        numbers_of(origin.get("rpy"), 3, f"{where}: rpy", "0 0 0"),
+    )
+
+
+def _poses(root: ET.Element) -> dict[str, Pose]:
+    """Of all links in the frame of the root link, with all joints at zero."""
+    below = {_end(joint, "child"): joint for joint in root.findall("joint")}
+    names = [link.get("name", "") for link in root.findall("link")]
+
+    def pose_of(name: str, depth: int) -> Pose:
+        joint = below.get(name)
+        if joint is None:
+            return Pose.identity()
+        if depth > len(names) or _end(joint, "parent") not in names:
+            what = f"the joint {joint.get('name')} has no parent link, or hangs on itself"
+            raise InputError(ErrorCode.BAD_INPUT, what)
+        return pose_of(_end(joint, "parent"), depth + 1) @ _origin(joint, f"joint {joint.get('name')}")
+
+    return {name: pose_of(name, 0) for name in names}
+
+
+def _link(link: ET.Element, pose: Pose, folder: Path) -> WorldLink:
+    name = link.get("name", "")
+    friction = link.find("contact/lateral_friction")
+    mu = None if friction is None else float(numbers_of(friction.get("value"), 1, f"{name}: lateral_friction")[0])
+    found = [WorldSolid(_shape(each, folder, name), _origin(each, name), mu) for each in link.findall("collision")]
+    return WorldLink(name, pose, tuple(found), _inertial(link.find("inertial"), name))
+
+
+def _inertial(element: ET.Element | None, where: str) -> InertialParameters | None:
+    mass = None if element is None else element.find("mass")
+    if element is None or mass is None:
+        return None
+    kilograms = float(numbers_of(mass.get("value"), 1, f"{where}: mass")[0])
+    tensor = element.find("inertia")
+    if tensor is None:
+        return inertial_at(kilograms, _origin(element, where), None)
+    six = [numbers_of(tensor.get(axis), 1, f"{where}: {axis}", "0")[0] for axis in AXES_OF_INERTIA]
+    return inertial_at(kilograms, _origin(element, where), np.array(six))
+
+
+def _shape(collision: ET.Element, folder: Path, where: str) -> Shape:
+    geometry = collision.find("geometry")
+    kind = None if geometry is None else next(iter(geometry), None)
+    if kind is None:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: a collision without a shape")
+
+    def read(name: str, count: int = 1, default: str = "") -> np.ndarray:
+        return numbers_of(kind.get(name), count, f"{where}: {kind.tag} {name}", default)
+
+    if kind.tag == "box":
+        return solids.box(read("size", 3))
+    if kind.tag == "cylinder":
+        return solids.cylinder(float(read("radius")[0]), float(read("length")[0]))
+    if kind.tag == "capsule":
+        return solids.capsule(float(read("radius")[0]), float(read("length")[0]))
+    if kind.tag == "sphere":
+        return solids.sphere(float(read("radius")[0]))
+    if kind.tag == "mesh":
+        return scaled_mesh(kind.get("filename", ""), folder, read("scale", 3, "1 1 1"))
+    raise InputError(ErrorCode.UNSUPPORTED, f"{where}: a collision shape <{kind.tag}>")

@@ -1,0 +1,117 @@
+"""What the recording says against a name: variations of its response, free curves, equal responses, gaps, events."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import make_case
+from test_effort_recordings import PHI, ROBOT, read
+from test_proof import Pull, pulled
+
+from poise.mismatch import diagnose
+from poise.mismatch.answer import NamedEffect, effects_called
+from poise.mismatch.answer.belief import BeliefBasis, EffectBelief
+from poise.mismatch.answer.unknown_physics import likelihoods, unclear
+from poise.mismatch.effects import EffectParameter, effect_named
+from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
+from poise.mismatch.inference.proof import cancelling
+from poise.mismatch.reading import NominalModel
+from poise.mismatch.recorded import RecordedMotion
+
+
+@pytest.mark.parametrize(("until", "varies"), [(np.inf, False), (4.0, True)])
+def test_an_effect_that_ends_is_said_to_vary(until, varies):
+    recorded, model = pulled(6.0, until)
+    problem = wrench_problem(recorded, model)
+    found = fit(problem, [FittedEffect(Pull(np.inf), {"force": 3.0})])
+    left = problem.measured - problem.predicted(recorded) - found.response - found.calibrated
+    (variation,) = variations(problem.with_noise(problem.fitted_noise(left)), found.parts)
+    assert (variation.gain > 20.0) == varies
+
+
+def test_a_gap_ends_the_comparison_for_a_moment():
+    recorded = make_case(3, duration=8.0).recorded()
+    lost = (recorded.seconds > 3.0) & (recorded.seconds < 3.2)
+    problem = wrench_problem(recorded.select(~lost), NominalModel(phi=recorded.phi))
+    after = (problem.seconds > 3.0) & (problem.seconds < 3.33)
+    assert not problem.active[after].any()
+    assert problem.active[(problem.seconds > 3.4) & (problem.seconds < 6.0)].all()
+    whole = wrench_problem(recorded, NominalModel(phi=recorded.phi))
+    assert whole.active[(whole.seconds > 3.0) & (whole.seconds < 3.4)].all()
+
+
+def test_a_sensor_that_is_turned_far_is_found_from_the_description():
+    case = make_case(7, duration=10.0)
+    recorded, turned = case.recorded(), effect_named("sensor_rotation")
+    assert turned is not None
+    true = {"rotation_x": 0.03, "rotation_y": -0.05, "rotation_z": 0.12}
+    recorded = replace(recorded, wrench=recorded.wrench + turned.simulate(recorded, true))
+    begun = [FittedEffect(turned, dict.fromkeys(true, 1e-4))]
+    (part,) = fit(wrench_problem(recorded, case.model), begun, 6).parts
+    for name, value in true.items():
+        assert part.values[name] == pytest.approx(value, abs=0.02)
+
+
+def test_a_step_of_a_peaked_parameter_follows_its_tangent_and_stays_in_its_range():
+    parameter = EffectParameter("turn", "rad", 0.02, -0.5, 0.5, linear=False, peaked=True)
+    rate = (parameter.from_unit(0.5001) - parameter.from_unit(0.4999)) / 2e-4
+    assert parameter.moved(0.0, 0.1 / rate) == pytest.approx(0.1, rel=1e-3)
+    assert parameter.moved(0.4, 9.0) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_a_filter_and_an_early_clock_that_cancel_are_no_explanation():
+    recorded = make_case(3, duration=5.0).recorded()
+    slow, late = (effect_named(name) for name in ("low_pass", "clock_offset"))
+    assert slow is not None
+    assert late is not None
+    parts = [FittedEffect(slow, {"time_constant": 0.03}), FittedEffect(late, {"offset": -0.025})]
+    problem = wrench_problem(recorded, NominalModel(phi=recorded.phi))
+    assert cancelling(problem, parts) == ["clock_offset would cancel it", "low_pass would cancel it"]
+    assert cancelling(problem, [parts[0], FittedEffect(late, {"offset": 0.025})]) == ["", ""]
+
+
+def _pressed(recorded: RecordedMotion, direction: float) -> dict[str, float]:
+    """A force along the velocity of the sensor, or against it, over a second in which it moves."""
+    speed = np.linalg.norm(recorded.velocity_in_world, axis=1)
+    middle = recorded.seconds[int(np.argmax(np.convolve(speed, np.ones(100), mode="same")))]
+    values = {"start": float(middle) - 0.5, "length": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+    for k in range(7):
+        row = int(np.searchsorted(recorded.seconds, values["start"] + (k + 1) / 8.0))
+        along = direction * recorded.velocity_in_world[row] / speed[row]
+        values |= {f"force_{axis}_{k}": 5.0 * float(along[i]) for i, axis in enumerate("xyz")}
+    return values
+
+
+def test_what_attracts_the_tool_is_not_taken_for_a_contact_alone():
+    recorded, contact = make_case(3, duration=8.0).recorded(), effect_named("contact")
+    assert contact is not None
+    assert contact.imitated(recorded, _pressed(recorded, -1.0)) == ""
+    assert contact.imitated(recorded, _pressed(recorded, 1.0)) == "joint_position"
+
+
+def test_friction_that_decreases_is_no_viscous_friction():
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
+    reading = read(model, seconds=12.0, damping=8.0, efforts_alone=True)
+    effort = reading.recorded.effort
+    assert effort is not None
+    library = effects_called(["viscous_friction", "coulomb_friction"])
+    (steady,) = diagnose(reading.recorded, model, library=library).findings
+    lost = np.linspace(0.0, 8.0, len(effort.seconds))[:, None] * effort.velocity
+    changed = replace(reading.recorded, effort=replace(effort, measured=effort.measured - lost))
+    found = diagnose(changed, model, library=library)
+    assert steady.effect.name == "viscous_friction"
+    assert steady.belief.probability > 0.8
+    assert all(each.belief.probability < 0.5 for each in found.findings)
+    assert len(ROBOT.joint_names) == effort.measured.shape[1] + 3
+
+
+def test_an_effect_with_likelier_rivals_is_not_named_but_said():
+    def named(chance: float) -> NamedEffect:
+        effect = effect_named("joint_offset")
+        assert effect is not None
+        belief = EffectBelief(chance, (("base_tilt", 0.3),), ("base_tilt",), BeliefBasis(90.0, 2.0, 0, False))
+        return NamedEffect(effect, {}, np.zeros((0, 0)), belief, {}, (), "", None)
+
+    weak, sure = named(0.2), named(0.6)
+    assert unclear([weak, sure]) == [weak]
+    assert likelihoods(weak) == "joint_offset 20 %, base_tilt 30 %"

@@ -1,0 +1,102 @@
+"""A simulator's model as the nominal one: what its file has is predicted, and what is found goes back into it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from poise.cli import run
+from poise.errors import ErrorCode, InputError
+from poise.mismatch import diagnose, load_model, read_recording
+from poise.mismatch.application import joint_values
+from poise.mismatch.reading import dump_model, parse_model
+from poise.recording import JointStream, open_recording, write_recording
+
+ARM = Path(__file__).resolve().parents[2] / "examples" / "simulator" / "arm.xml"
+JOINTS = ("turn", "shoulder", "elbow")
+
+
+def efforts(friction: float, armature: float, seconds: float = 14.0) -> JointStream:
+    """Joint states of the example's arm with other friction and rotors, by MuJoCo's inverse dynamics."""
+    spec = mujoco.MjSpec.from_file(str(ARM))
+    for joint in spec.joints:
+        joint.frictionloss, joint.armature = friction, armature
+    model = spec.compile()
+    data, times = mujoco.MjData(model), np.arange(0.0, seconds, 0.008)
+    rates, sizes = np.array([[0.9, 2.1], [0.7, 1.7], [1.1, 2.3]]), np.array([[0.7, 0.3], [0.5, 0.3], [0.6, 0.3]])
+    phase = rates[None] * times[:, None, None]
+    q, v, a = (
+        (sizes * each).sum(axis=2) for each in (np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase))
+    )
+    out = np.zeros_like(q)
+    for row in range(len(times)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[row], v[row], a[row]
+        mujoco.mj_inverse(model, data)
+        out[row] = data.qfrc_inverse
+    rng = np.random.default_rng(3)
+    noise = 0.02 * rng.normal(size=out.shape)
+    return JointStream(10**18 + np.round(times * 1e9).astype(np.int64), JOINTS, q, v, out + noise)
+
+
+def test_what_the_file_has_is_predicted_and_friction_may_be_less(tmp_path: Path) -> None:
+    model = replace(load_model(ARM), payload_link="held")
+    for friction, armature in ((0.2, 0.02), (0.05, 0.02)):  # as in the file; less friction
+        write_recording(tmp_path / "run.mcap", {"joint_states": efforts(friction, armature)})
+        read = read_recording(open_recording(tmp_path / "run.mcap"), model)
+        effort = read.recorded.effort
+        assert effort is not None
+        assert [each.friction for each in effort.stated] == [0.2] * 3
+        assert read.model.phi is not None
+        assert read.model.phi[0] == pytest.approx(0.6)
+        found = diagnose(read.recorded, read.model)
+        if friction == 0.2:
+            assert found.verdict == "none"
+            continue
+        assert [each.effect.name for each in found.findings] == ["coulomb_friction"]
+        values = joint_values(found)
+        assert [values[joint]["friction"] for joint in JOINTS] == pytest.approx([0.05] * 3, abs=0.02)
+
+
+def test_model_yaml_names_the_file_and_comes_back(tmp_path: Path) -> None:
+    text = f"simulator: {ARM}\npayload_link: held\ngravity: 9.8\n"
+    (tmp_path / "model.yaml").write_text(text)
+    model = load_model(tmp_path / "model.yaml")
+    assert model.simulator is not None
+    assert (model.gravity, model.payload_link, model.tool_in_wrench) == (9.8, "held", True)
+    (tmp_path / "again.yaml").write_text(dump_model(model))
+    again = load_model(tmp_path / "again.yaml")
+    assert again.simulator is not None
+    assert again.simulator.joints == model.simulator.joints
+    with pytest.raises(InputError, match="which is the robot"):
+        parse_model({"urdf": "fr3", "simulator": str(ARM)})
+    write_recording(tmp_path / "run.mcap", {"joint_states": efforts(0.2, 0.02, 5.0)})
+    with pytest.raises(InputError, match="has no link hold; it has held") as caught:
+        read_recording(open_recording(tmp_path / "run.mcap"), replace(model, payload_link="hold"))
+    assert caught.value.code is ErrorCode.FRAME_UNKNOWN
+
+
+def test_the_example_comes_closer_and_the_file_says_what_it_lacks(tmp_path: Path) -> None:
+    """Friction, payload, drives: MuJoCo reads them from the exported file."""
+    bag, found = ARM.parent / "robot.mcap", tmp_path / "found.xml"
+    words = ["mismatch", str(bag), "--model", str(ARM), "--payload-link", "held", "--json", str(tmp_path / "a.json")]
+    assert (
+        run([*words, "--export", f"mjcf:{found}", "--export", f"json:{tmp_path / 'v.json'}", "--into", str(ARM)]) == 0
+    )
+    answer, values = (json.loads((tmp_path / name).read_text()) for name in ("a.json", "v.json"))
+    model = mujoco.MjModel.from_xml_path(str(found))
+    assert model.dof_frictionloss.tolist() == pytest.approx([1.4, 1.8, 0.9], rel=0.1)
+    assert model.body("held").mass[0] == pytest.approx(1.3, rel=0.03)
+    assert model.actuator_gainprm[:, 0].tolist() == pytest.approx([220.0] * 3, rel=0.02)
+    assert model.actuator_delay.tolist() == pytest.approx([0.012] * 3, abs=0.002)
+    assert values["isaac_lab"]["stiffness"]["turn"] == pytest.approx(220.0, rel=0.02)
+    assert values["usd"]["turn"]["drive:angular:physics:stiffness"] == pytest.approx(220.0 * np.pi / 180, rel=0.02)
+    assert values["ros2_control"]["gains"]["turn"]["d"] == pytest.approx(12.0, rel=0.05)
+    assert values["sensor"]["noise"]["force"] == pytest.approx(0.05, rel=0.2)
+    assert [each["kept"] for each in answer["drives"]] == [True] * 3
+    lacking = answer["exports"][0]["not_written"]
+    assert any("asymmetry" in each for each in lacking)
+    assert all(f"not written: {each}" in found.read_text() for each in lacking)
+    assert found.read_text().startswith(ARM.read_text().splitlines()[0])
