@@ -51,6 +51,7 @@ CORE_REQUIRES = [
     "pymodbus>=3.9,<4",
     "jinja2>=3.1",
     "matplotlib>=3.8",
+    "pillow>=10",
     "typer>=0.15",
     "rich>=13",
     "shapely>=2",

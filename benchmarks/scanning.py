@@ -86,7 +86,7 @@ def row_of(case: Case, repeats: int) -> list[str]:
     tree = cKDTree(truth)
     found, seconds, used = timed(case.views, repeats)
     seen, hidden = (1e3 * tree.query(found.points[kept])[0] for kept in (found.seen, ~found.seen))
-    cut = segment(found.points, found.colours)
+    cut = found.segmented()
     bad = scan(spoilt(case.views, np.random.default_rng(1)))
     left = scan(spoilt(case.views, np.random.default_rng(1)), ScanOptions(refine="never"))
     poses = " / ".join(f"{1e3 * tree.query(one.points[one.seen])[0].mean():.2f}" for one in (left, bad))
@@ -97,7 +97,7 @@ def row_of(case: Case, repeats: int) -> list[str]:
         f"{seen.mean():.2f} ({np.quantile(seen, 0.95):.2f})",
         f"{hidden.mean():.1f}",
         f"{np.mean(~found.seen):.0%}",
-        f"{cut.solid.volume / case.volume:.2f} ± {found.volume_std(cut.solid) / case.volume:.2f}",
+        f"{cut.solid.volume / case.volume:.2f} ± {cut.solid.volume_std / case.volume:.2f}",
         f"{thesis_volume(found) / case.volume:.2f}",
         poses,
     ]

@@ -129,7 +129,8 @@ def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]
             writer.write(topic, stamp, data)
 
 
-def _header(stamp: int, frame: str) -> Any:
+def header_of_image(stamp: int, frame: str) -> Any:
+    """std_msgs/Header at a stamp, ns."""
     make: Any = typestore().types
     seconds, rest = divmod(stamp, 10**9)
     return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), frame)
@@ -140,7 +141,9 @@ def image_bytes(stamp: int, frame: str, pixels: NDArray[Any], encoding: str) -> 
     height, width = pixels.shape[:2]
     data = np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8)
     kind = "sensor_msgs/msg/Image"
-    message = typestore().types[kind](_header(stamp, frame), height, width, encoding, 0, len(data) // height, data)
+    message = typestore().types[kind](
+        header_of_image(stamp, frame), height, width, encoding, 0, len(data) // height, data
+    )
     return bytes(typestore().serialize_cdr(message, kind))
 
 
@@ -151,11 +154,11 @@ def info_bytes(stamp: int, frame: str, camera: Camera) -> bytes:
     p = np.array([camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0])
     whole = typestore().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     message = typestore().types[kind](
-        _header(stamp, frame),
+        header_of_image(stamp, frame),
         camera.height,
         camera.width,
         "plumb_bob",
-        np.zeros(5),
+        np.array(camera.distortion or (0.0,) * 5),
         k,
         np.eye(3).ravel(),
         p,

@@ -26,6 +26,7 @@ from poise.nodes.object_scanner_parameters import (
     given_eye,
     near_of,
     scan_options,
+    segmentation_options,
     session_options,
     stored_calibration,
     sweep_options,
@@ -49,10 +50,10 @@ from poise.scanning import (
     chosen_places,
     frame_of_cloud,
     places_of,
-    scan,
+    scan_sweep,
     transform_of,
 )
-from poise.shape import Segmentation, independent_parts, segment
+from poise.shape import Segmentation, independent_parts
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 from poise_msgs.action import ScanObject
@@ -360,8 +361,8 @@ class ObjectScanner(ArmNode):
                 self._share = (number + share) / len(near)
 
             try:
-                scanned = scan(sweep.views, replace(how, near=point), reach, cancelled)
-                objects.append((scanned, segment(scanned.points, scanned.colours)))
+                scanned = scan_sweep(sweep, replace(how, near=point), reach, cancelled)
+                objects.append((scanned, scanned.segmented(segmentation_options(self._values))))
             except InputError as error:
                 if number == 0:
                     raise _with_notes(error, len(sweep.views), notes) from error

@@ -11,6 +11,7 @@ from poise.nodes.parameters import Parameter
 from poise.nodes.readiness import READY_TIMEOUT
 from poise.robot import Mounting
 from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionOptions, SweepOptions
+from poise.shape import SegmentationOptions
 
 _REFINE = ("auto", "always", "never")
 _NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
@@ -71,9 +72,10 @@ SCANNER_PARAMETERS = (
     Parameter("farthest", 1.2, "largest depth that is used, m", (0.1, 5.0), dynamic=True),
     Parameter("refine", "auto", "refine poses by ICP: if views disagree (auto), always or never", _REFINE),
     Parameter("complete", True, "fill the volume hidden from all views, down to the table", dynamic=True),
+    Parameter("number_of_parts", 0, "cut into so many parts; 0: as found", (0, 100), dynamic=True),
     Parameter(
         "independent_parts",
-        True,
+        False,
         "at most four parts, which a sensor at rest can distinguish; false: all of them",
         dynamic=True,
     ),
@@ -128,6 +130,11 @@ def scan_options(values: dict[str, Any]) -> ScanOptions:
         refine=values["refine"],
         complete=values["complete"],
     )
+
+
+def segmentation_options(values: dict[str, Any]) -> SegmentationOptions:
+    """How a cloud is cut into parts."""
+    return SegmentationOptions(parts=values["number_of_parts"] or None)
 
 
 def near_of(values: dict[str, Any]) -> tuple[float, float, float] | None:

@@ -4,18 +4,13 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.inertia.model import CLOUD_ACCURACY, Parts, symmetric
+from poise.inertia.model import Parts, cloud_accuracy, symmetric
 from poise_msgs.msg import Part, SegmentedObject
-
-WORST_ACCURACY = 0.05
-"""Relative error of lengths when hardly anything is known of how good a scan is."""
 
 
 def accuracy_of(message: SegmentedObject) -> float:
-    """Relative error of lengths in a scan: a third of its volume's, but no less than any cloud has."""
-    known = message.volume > 0 and 0 < message.volume_std < np.inf
-    third = message.volume_std / message.volume / 3 if known else WORST_ACCURACY
-    return float(np.clip(third, CLOUD_ACCURACY, WORST_ACCURACY))
+    """Relative error of lengths in a scan."""
+    return cloud_accuracy(message.volume, message.volume_std)
 
 
 def parts_of_message(message: SegmentedObject) -> Parts:

@@ -32,7 +32,7 @@ def segmented_message(
         parts: (T,) part of each tetrahedron that is published; each a union of those of `found`.
         notes: what to read it with.
     """
-    spread = scanned.volume_std(found.solid)
+    spread = found.solid.volume_std
     message = SegmentedObject(id=name, volume=float(found.solid.volume), volume_std=spread)
     message.header.stamp, message.header.frame_id = time_message(stamp), frame
     whole = np.zeros(found.n_parts, dtype=np.int64)

@@ -17,9 +17,8 @@ from poise.mismatch import diagnose as _diagnose
 from poise.placement import Options, Placement, plan_placement
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
-from poise.scanning import Scan, SweepOptions, read_sweep
-from poise.scanning import scan as _scan
-from poise.shape import Segmentation, read_cloud
+from poise.scanning import Scan, SweepOptions, read_sweep, scan_sweep
+from poise.shape import Segmentation, SegmentationOptions, read_surface
 from poise.shape import segment as _segment
 from poise.types import Array
 
@@ -71,7 +70,7 @@ def segment(cloud: Source | Array, colours: Array | None = None) -> Segmentation
     """Reconstruct a closed solid from surface points and segment it into parts.
 
     Args:
-        cloud: a file (PLY, PCD, XYZ, CSV, NPY), or (N, 3) points in m.
+        cloud: a file (PLY, PCD, XYZ, CSV, NPY, or a mesh: STL, OBJ, PLY), or (N, 3) points in m.
         colours: (N, 3) 0..1 of the points; a file brings its own.
 
     Example:
@@ -81,8 +80,9 @@ def segment(cloud: Source | Array, colours: Array | None = None) -> Segmentation
         InputError: FILE_UNREADABLE, FILE_CORRUPT, SCAN_INCOMPLETE, MESH_INVALID.
     """
     if isinstance(cloud, str | Path):
-        found = read_cloud(Path(cloud))
-        return _segment(found.points, found.colours)
+        found, mesh = read_surface(Path(cloud))
+        how = SegmentationOptions(noise=None if mesh is None else 0.0)
+        return _segment(found.points, found.colours, how, normals=found.normals, seen=found.seen)
     return _segment(cloud, colours)
 
 
@@ -91,12 +91,12 @@ def scan(recording: Source | Recording) -> Scan:
 
     Example:
         >>> found = poise.scan("bags/hammer_sweep.mcap")
-        >>> poise.segment(found.points, found.colours)
+        >>> found.segmented().volumes  # (P,) m3
 
     Raises:
         InputError: TOPIC_MISSING, FRAME_UNKNOWN, SCAN_INCOMPLETE.
     """
-    return _scan(read_sweep(_recording(recording), SweepOptions()).views)
+    return scan_sweep(read_sweep(_recording(recording), SweepOptions()))
 
 
 def robustness(scene: SceneSource, pushes: Sequence[PushSource] = (), **options: Any) -> Assessment:

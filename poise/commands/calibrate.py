@@ -23,7 +23,7 @@ from poise.calibration import (
 from poise.calibration import (
     calibrate as calibrate_views,
 )
-from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folder, to_json, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folders, to_json, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.files import sha256_of, write_whole
 from poise.recording import open_recording
@@ -88,9 +88,7 @@ def calibrate(
 
     Example:  poise calibrate views.mcap --squares 8x6 --square 0.0302 --out calibration.yaml
     """
-    targets = {"--out": out, "--urdf-out": urdf_out, "--draw-board": draw_board, "--json": json_target}
-    for option, target in targets.items():
-        refuse_folder(None if target is None else str(target), option)
+    refuse_folders({"--out": out, "--urdf-out": urdf_out, "--draw-board": draw_board, "--json": json_target})
     board = Board(*_size(squares), square, marker, dictionary)
     people = console(json_target)
     if draw_board is not None:

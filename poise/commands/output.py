@@ -106,6 +106,16 @@ def refuse_folder(target: str | None, option: str) -> None:
         raise InputError(ErrorCode.FILE_UNWRITABLE, f"{option} {target} is a folder: give the name of a file")
 
 
+def refuse_folders(targets: Mapping[str, Path | str | None]) -> None:
+    """The same for several options.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    for option, target in targets.items():
+        refuse_folder(None if target is None else str(target), option)
+
+
 def number_for_json(value: float) -> float | str:
     """JSON has no infinity: the contract writes it as a word."""
     return float(value) if math.isfinite(value) else "inf" if value > 0 else "-inf"

@@ -4,23 +4,55 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
+from scipy.spatial import cKDTree
 
-from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.commands.output import console, refuse_folders, warn, write_json
+from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
-from poise.shape import Cloud, Segmentation, labelled_ply, read_cloud, surface_ply
+from poise.shape import (
+    CheckedMesh,
+    Cloud,
+    Segmentation,
+    SegmentationOptions,
+    labelled_ply,
+    read_surface,
+    surface_ply,
+)
 from poise.shape import segment as segment_cloud
+from poise.types import Array
 
 CloudArgument = Annotated[
-    Path, typer.Argument(metavar="CLOUD", help="PLY, PCD, XYZ, CSV or NPY, with colours or without.")
+    Path,
+    typer.Argument(metavar="CLOUD", help="PLY, PCD, XYZ, CSV or NPY, with colours or without; or a mesh: STL, OBJ."),
+]
+NumberOption = Annotated[
+    int | None, typer.Option(min=1, max=100, help="Cut into so many parts (default: as found).", show_default=False)
+]
+ColourOption = Annotated[
+    str, typer.Option("--colour", metavar="on|off", help="Whether colours say where materials meet.")
+]
+NoiseOption = Annotated[
+    float | None,
+    typer.Option(
+        "--noise",
+        min=0.0,
+        max=0.05,
+        help="One sigma of the points along each axis, m (default: estimated from them).",
+        show_default=False,
+    ),
 ]
 
 
 def segment(
     cloud: CloudArgument,
     scale: Annotated[float, typer.Option("--scale", help="m per unit of the file (0.001 for mm).")] = 1.0,
+    parts: NumberOption = None,
+    colour: ColourOption = "on",
+    noise: NoiseOption = None,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="PNG", help="Draw the parts.", show_default=False)
     ] = None,
@@ -37,34 +69,64 @@ def segment(
         typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
     ] = None,
 ) -> None:
-    """Segment a surface point cloud into parts and compute their volumes.
+    """Segment a surface point cloud or a closed mesh into parts and compute their volumes.
 
     The cloud has to show the object from all sides. What is nearly convex and of one colour becomes one part. The
-    JSON holds a label per row of the file; -1 where a row was no point (NaN).
+    JSON holds a label per row of the file; -1 where a row was no point (NaN). For a mesh it holds one per triangle.
 
     Example:  poise segment hammer.ply --picture hammer.png --json hammer.json
     """
-    targets = {"--json": json_target, "--picture": picture, "--ply": ply, "--surface": surface}
-    for option, target in targets.items():
-        refuse_folder(None if target is None else str(target), option)
+    refuse_folders({"--json": json_target, "--picture": picture, "--ply": ply, "--surface": surface})
     people = console(json_target)
     with people.status("reading the cloud and cutting it into parts"):
         start = time.perf_counter()
-        read = read_cloud(cloud, scale)
-        found = segment_cloud(read.points, read.colours)
+        read, mesh = read_surface(cloud, scale)
+        how = segmentation_options(parts, 0.0 if mesh is not None else noise)
+        found = segment_cloud(read.points, shades(colour, read.colours), how, normals=read.normals, seen=read.seen)
         seconds = time.perf_counter() - start
     for note in (*read.notes, *found.notes):
         warn(note)
-    write_json(json_target, as_json(cloud, read, found, seconds))
+    write_json(json_target, as_json(cloud, read, found, seconds) | ({} if mesh is None else of_mesh(mesh, found)))
     written = [
         *([] if ply is None else [write_whole(ply, labelled_ply(read.points, found.labels))]),
         *([] if surface is None else [write_whole(surface, surface_ply(found))]),
         *([] if picture is None else [write_picture(picture, found, cloud.stem)]),
     ]
     people.print(_table(cloud, found))
-    people.print(f"{len(read.points)} points, {seconds:.2f} s")
+    people.print(f"{_words(read, mesh, found)}, {seconds:.2f} s")
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _words(cloud: Cloud, mesh: CheckedMesh | None, found: Segmentation) -> str:
+    if mesh is not None:
+        return f"{len(mesh.triangles)} triangles around {1e6 * mesh.volume:.5g} cm3"
+    return f"{len(cloud.points)} points with {1e3 * found.noise:.2g} mm of noise"
+
+
+def segmentation_options(parts: int | None, noise: float | None) -> SegmentationOptions:
+    """How to cut, by the options of the command line."""
+    return SegmentationOptions(parts=parts, noise=noise)
+
+
+def shades(colour: str, colours: Array | None) -> Array | None:
+    """The colours that count.
+
+    Raises:
+        InputError: BAD_INPUT for another word than on and off.
+    """
+    if colour not in ("on", "off"):
+        raise InputError(ErrorCode.BAD_INPUT, f"--colour '{colour}': give on or off")
+    return colours if colour == "on" else None
+
+
+def of_mesh(mesh: CheckedMesh, found: Segmentation) -> dict[str, Any]:
+    """What is exact for a mesh: its volume, which the parts share; and a label per triangle."""
+    nearest = cKDTree(found.solid.vertices).query(mesh.vertices[mesh.triangles].mean(axis=1))[1]
+    labels = np.zeros(len(found.solid.vertices), dtype=np.int64)
+    labels[found.solid.tetrahedra] = found.tetrahedron_labels[:, None]
+    volumes = found.volumes * mesh.volume / found.solid.volume
+    return {"labels": labels[nearest], "volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
 
 
 def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> dict[str, Any]:
@@ -77,6 +139,7 @@ def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> di
         "volume_std": found.solid.volume_std,
         "part_volumes": found.volumes,
         "part_centroids": found.centroids,
+        "noise": found.noise,
         "n_points": len(cloud.points),
         "cloud": str(path),
         "notes": [*cloud.notes, *found.notes],

@@ -12,7 +12,17 @@ from poise.recording.alignment import (
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.encoding import LATCHED_TOPICS, encode_stream, encode_text, typestore
 from poise.recording.folders import find_recordings, is_recording, skipped_entries
-from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
+from poise.recording.images import (
+    CLOUD,
+    COMPRESSED,
+    IMAGE,
+    INFO,
+    Image,
+    encoding_of,
+    image_of,
+    messages_of,
+    stamps_of,
+)
 from poise.recording.live_messages import header_of, joint_states_in, wrenches_in
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
@@ -23,6 +33,7 @@ from poise.recording.writing import RecordingWriter, write_recording
 
 __all__ = [
     "CLOUD",
+    "COMPRESSED",
     "IMAGE",
     "INFO",
     "LATCHED_TOPICS",
@@ -44,6 +55,7 @@ __all__ = [
     "WrenchStream",
     "encode_stream",
     "encode_text",
+    "encoding_of",
     "find_recordings",
     "header_of",
     "image_of",

@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.recording.compressed_images import decompressed, is_depth
 from poise.recording.encoding import typestore
 from poise.recording.reading import Recording
 from poise.recording.streams import stamp_of
 
 IMAGE, INFO, CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
 _PIXELS = {
     "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1), "mono8": ("u1", 1), "8UC1": ("u1", 1),
     "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4),
@@ -65,11 +67,14 @@ def decoded(recording: Recording, kind: str, topic: str, data: bytes) -> Any:
 
 
 def image_of(message: Any, name: str) -> Image:
-    """From the fields of sensor_msgs/Image; of a decoded or of a live message.
+    """From the fields of sensor_msgs/Image or CompressedImage; of a decoded or of a live message.
 
     Raises:
         InputError: UNSUPPORTED for an encoding that is not read, TYPE_MISMATCH for fewer bytes than there should be.
     """
+    if hasattr(message, "format"):
+        encoding, decoded_pixels = decompressed(str(message.format), bytes(message.data), name)
+        return Image(stamp_of(message), str(message.header.frame_id), encoding, decoded_pixels)
     encoding = str(message.encoding)
     if encoding not in _PIXELS:
         raise InputError(ErrorCode.UNSUPPORTED, f"{name}: encoding {encoding!r}; there are {', '.join(_PIXELS)}")
@@ -90,6 +95,15 @@ def image_of(message: Any, name: str) -> Image:
     elif kind == "u1":
         pixels = np.repeat(pixels[..., None], 3, axis=2)
     return Image(stamp_of(message), str(message.header.frame_id), encoding, np.ascontiguousarray(pixels))
+
+
+def encoding_of(message: Any) -> str:
+    """What an Image or CompressedImage holds: an encoding of sensor_msgs; empty when only its pixels show that."""
+    if not hasattr(message, "format"):
+        return str(message.encoding)
+    layout = str(message.format)
+    encoding = layout.split(";")[0].strip()
+    return (encoding or "16UC1") if is_depth(layout) else encoding if encoding in _PIXELS else ""
 
 
 def _undecodable(recording: Recording, topic: str, why: str) -> InputError:

@@ -37,6 +37,7 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
+from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
@@ -94,8 +95,10 @@ __all__ = [
     "fixed_frames",
     "frame_names",
     "frame_poses",
+    "frames_above",
     "has_topic",
     "inertia_of",
+    "is_constant",
     "motion_from_derivatives",
     "motion_from_joints",
     "motion_from_poses",

@@ -1,9 +1,12 @@
 """From the images of a camera on the hand to the point cloud of one object.
 
 - `camera`, `frames`: pixels to rays; one RGB-D image, checked, with its pose. `cloud_frames`: a PointCloud2 as such.
-- `poses`: from joint states, URDF and hand-eye transform to camera poses. `reading`: the frames of a bag.
+- `topics`, `reading`: the frames of a bag, raw or compressed; `painting`: colours that are not aligned with the depth;
+  `units`: the unit of depth, where none is given.
+- `poses`, `placing`: from joint states, URDF and hand-eye transform, or from tf, to camera poses.
 - `support`: the table, and the objects on it. `looking`: depth images at given points.
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
+- `flatness`: how well views agree about the table. `causes`: why they disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
 - `naming`: which objects of a scan are known already.
@@ -16,17 +19,18 @@ from poise.scanning.cloud_files import scan_ply
 from poise.scanning.cloud_frames import columns_of, frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.naming import ScannedBody, names_of
+from poise.scanning.placing import Sweep
 from poise.scanning.poses import hand_eye_of
 from poise.scanning.reading import (
     MOST_FRAMES,
-    Sweep,
+    PoseSource,
     SweepOptions,
     camera_of,
     fixed_transforms,
     read_sweep,
     transform_of,
 )
-from poise.scanning.scan import Scan, ScanOptions, places_of, scan
+from poise.scanning.scan import Scan, ScanOptions, places_of, scan, scan_sweep
 from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions
 from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
 from poise.scanning.sweep import Ring, plan_sweep
@@ -38,6 +42,7 @@ __all__ = [
     "Camera",
     "Coverage",
     "Frame",
+    "PoseSource",
     "Ring",
     "RobotLog",
     "Scan",
@@ -64,6 +69,7 @@ __all__ = [
     "read_sweep",
     "scan",
     "scan_ply",
+    "scan_sweep",
     "standing_mesh",
     "transform_of",
     "united_surfaces",

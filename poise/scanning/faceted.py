@@ -8,7 +8,8 @@ from scipy.spatial import cKDTree
 
 from poise.scanning.patches import Patch, SurfaceSamples, planar_patches
 from poise.scanning.rounding import Sides, sides_of
-from poise.scanning.scan import HIDDEN_OFF, SEEN_OFF
+from poise.scanning.scan import SEEN_OFF
+from poise.shape import HIDDEN_OFF
 from poise.types import Array, Indices, Mask
 
 _LEAST = 0.005

@@ -1,5 +1,6 @@
 """What a camera saw at one moment: a depth image, its colours, where the camera was. Validated on input."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from poise.types import Array, Single
 MILLIMETRE = 1e-3
 NEAREST, FARTHEST = 0.05, 5.0
 """m between which depth is believed."""
+_BLIND = 0.25
+"""Of the depth that the middle one of the frames has: a frame with less was taken by a covered camera."""
 SANE = 20.0
 """m: a typical depth beyond this is millimetres in a float image."""
 
@@ -63,6 +66,17 @@ class View:
         """(N, 3) points of the world in the optical frame, m."""
         offset = (points - self.translation_world_camera).astype(np.float32)
         return np.asarray(rotated(offset, self.rotation_world_camera.T))
+
+
+def dropped_blind(frames: Sequence[Frame]) -> tuple[list[Frame], list[str]]:
+    """Frames without those in which the camera was covered or gave no depth, and a sentence about these."""
+    shares = np.array([np.mean(frame.depth > 0) for frame in frames])
+    blind = shares < _BLIND * np.median(shares) if len(shares) else np.zeros(0, bool)
+    kept = [frame for frame, gone in zip(frames, blind, strict=True) if not gone]
+    if not blind.any():
+        return kept, []
+    note = f"{blind.sum()} of {len(frames)} frames have hardly any depth (was the lens covered?) and were left out"
+    return kept, [note]
 
 
 def depth_in_metres(image: ArrayLike, encoding: str, name: str = "depth image", unit: float = MILLIMETRE) -> Single:

@@ -28,10 +28,12 @@ BAND = 0.004
 SLANT = 0.35
 """Cosine between normal and ray below which a measurement says little about the surface's place."""
 _NEIGHBOURS = 14
-_FEWEST_VIEWS = 3
+_FEWEST_VIEWS = ((12, 3), (6, 2), (0, 1))
+"""From so many views on, how many have to see a point alike: a turntable's few see each side but once or twice."""
+_JUDGES = 2
 _THROUGH = 0.5
 """Share of the views of a point that may look through it."""
-_AGREED = 0.6
+_AGREED = 0.7
 """Share of the object's pixels that views have to agree on: 0.99 did with right poses, 0.75 with some 5 mm off."""
 _MOST_STEP = 0.003
 
@@ -45,16 +47,18 @@ class Surface:
         colours: (N, 3) 0..1, or None.
         normals: (N, 3) out of the object.
         weights: (N,) pixels that each point was made of.
+        agreed: share of what two views or more show of the object, that they agree on.
     """
 
     points: Array
     colours: Array | None
     normals: Array
     weights: Array
+    agreed: float = 1.0
 
     def select(self, kept: NDArray[np.generic]) -> "Surface":
         colours = None if self.colours is None else self.colours[kept]
-        return Surface(self.points[kept], colours, self.normals[kept], self.weights[kept])
+        return Surface(self.points[kept], colours, self.normals[kept], self.weights[kept], self.agreed)
 
 
 def coarse_points(views: Sequence[View], farthest: float) -> Array:
@@ -69,6 +73,19 @@ def coarse_points(views: Sequence[View], farthest: float) -> Array:
         return _in_world(view, rays[:, known], depth[known])
 
     return np.concatenate([np.zeros((0, 3), np.float32), *each(views, of_view)]).astype(np.float64)
+
+
+def pixels_of(view: View, count: int, farthest: float) -> Single:
+    """(N, 3) m in the world: about so many pixels, evenly over the image, up to `farthest` m from the camera."""
+    step = max(int(np.sqrt(view.frame.depth.size / count)), 1)
+    depth = view.frame.depth[step // 2 :: step, step // 2 :: step]
+    known = (depth > 0) & (depth < farthest)
+    return _in_world(view, view.frame.camera.rays[:, step // 2 :: step, step // 2 :: step][:, known], depth[known])
+
+
+def fewest_views(count: int) -> int:
+    """How many of some views have to see a point alike."""
+    return next(fewest for least, fewest in _FEWEST_VIEWS if count >= least)
 
 
 def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
@@ -87,7 +104,7 @@ def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     if len(surface.points) < 50:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
-            f"scan: only {len(surface.points)} points of the object are seen alike by {_FEWEST_VIEWS} views or more;"
+            f"scan: only {len(surface.points)} points of the object are seen alike by {fewest_views(len(views))} views;"
             " check that depth and poses fit (hand-eye transform, clocks of camera and joints), or take more views",
         )
     return surface
@@ -166,16 +183,18 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
     seen = each(views, lambda view: _first_look(view, surface.points))
     agree, through = (np.sum([part[i] for part in seen], axis=0) for i in (0, 1))
     toward = np.sum([part[2] for part in seen], axis=0)
-    kept = (agree >= min(_FEWEST_VIEWS, len(views))) & (through <= _THROUGH * (agree + through))
-    agreed = float(surface.weights[kept].sum() / surface.weights.sum())
+    kept = (agree >= fewest_views(len(views))) & (through <= _THROUGH * (agree + through))
+    judged = agree + through >= min(_JUDGES, len(views))  # by others than the view that it is from
+    agreed = float(surface.weights[kept & judged].sum() / max(surface.weights[judged].sum(), 1e-9))
     if agreed < _AGREED:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: the views agree on {agreed:.0%} of what they show of the object only: the hand-eye transform is not"
             " this camera's, the clocks of camera and joint_states differ, or the object moved",
             agreed=agreed,
+            disagree=True,
         )
-    surface, toward = surface.select(kept), toward[kept]
+    surface, toward = replace(surface.select(kept), agreed=agreed), toward[kept]
     if len(surface.points) <= _NEIGHBOURS:
         return surface
     surface = replace(surface, normals=normals_of(surface.points, toward))

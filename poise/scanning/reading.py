@@ -1,36 +1,34 @@
 """A recorded sweep: the camera's frames out of a bag, and where it was."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import (
-    CLOUD,
-    IMAGE,
-    INFO,
-    Image,
-    JointStream,
-    Recording,
-    image_of,
-    messages_of,
-    stamp_of,
-    stamps_of,
-)
-from poise.robot import Mounting, RobotModel
+from poise.geometry import Pose
+from poise.recording import Image, JointStream, PoseStream, Recording, image_of, messages_of, stamp_of, stamps_of
+from poise.robot import FrameTree, Mounting, frames_above, has_topic, is_constant
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_frames import frame_of_cloud
-from poise.scanning.frames import MILLIMETRE, Frame, View, depth_in_metres
-from poise.scanning.poses import CameraPoses, camera_poses, hand_eye_of
+from poise.scanning.frames import MILLIMETRE, Frame, View, depth_in_metres, dropped_blind
+from poise.scanning.painting import painted
+from poise.scanning.placing import Sweep, place, place_by_tf
+from poise.scanning.topics import CameraTopics, find_topics
+from poise.scanning.units import guessed_unit
+from poise.types import Progress
 
 MOST_FRAMES = 127
 """As many as the thesis' scan had (section 3.2.4)."""
 FRAMES_TOGETHER = 0.04
 """s between a depth image and the colours that belong to it."""
-_DEPTHS = ("16UC1", "mono16", "32FC1")
+_INTEGERS = ("16UC1", "mono16")
+_NO_JOINTS = (
+    ErrorCode.TOPIC_MISSING, ErrorCode.ROBOT_DESCRIPTION_MISSING, ErrorCode.FRAME_UNKNOWN, ErrorCode.JOINT_MISSING,
+)  # fmt: skip
+PoseSource = Literal["auto", "joints", "tf"]
 
 
 @dataclass(frozen=True)
@@ -38,13 +36,16 @@ class SweepOptions:
     """Where in a bag the scan is.
 
     Args:
-        depth: topic of a depth image or a PointCloud2; empty: found by its type.
+        depth: topic of a depth image, raw or compressed, or a PointCloud2; empty: found by its type.
         colour, info: topics; empty: found.
         description: URDF; None: the bag's.
         hand_eye: the camera's optical frame in a link of the robot; None: from robot_description and tf_static.
         frames: the most that are used, evenly over the sweep.
-        unit: m, of integer depth.
+        unit: m, of integer depth; None: millimetres, or what shows a table.
         delay: s that the images' stamps are late.
+        poses: whether joint states or tf say where the camera was; `auto`: tf where joint states do not.
+        base: frame of the answer, whose z points up, for poses by tf; empty: the topmost. A turntable's frame, for a
+            camera that stands still.
     """
 
     depth: str = ""
@@ -53,168 +54,164 @@ class SweepOptions:
     description: str | None = None
     hand_eye: Mounting | None = None
     frames: int = MOST_FRAMES
-    unit: float = MILLIMETRE
+    unit: float | None = None
     delay: float = 0.0
+    poses: PoseSource = "auto"
+    base: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Sweep:
-    """Views of a scene.
-
-    Args:
-        views: with their poses in the robot's base.
-        base: the name of that frame.
-        notes: what was left out, one sentence each.
-    """
-
-    views: list[View]
-    base: str
-    notes: tuple[str, ...] = ()
-
-
-def read_sweep(
-    recording: Recording, options: SweepOptions, progress: Callable[[float], None] = lambda share: None
-) -> Sweep:
+def read_sweep(recording: Recording, options: SweepOptions, progress: Progress = lambda share: None) -> Sweep:
     """Read the frames of a bag and the camera's poses.
 
     Raises:
         InputError: TOPIC_MISSING, TYPE_MISMATCH, ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN,
             JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and how to fix it.
     """
-    topics = find_topics(recording, options)
-    stamps = stamps_of(recording, topics["depth"])
+    topics = find_topics(recording, options.depth, options.colour, options.info)
+    stamps = stamps_of(recording, topics.depth)
     chosen = stamps if len(stamps) <= options.frames else stamps[_evenly(len(stamps), options.frames)]
-    found = _read_frames(recording, topics, chosen, options.unit, progress)
-    description = recording.robot_description() if options.description is None else options.description
-    return place(found, description, fixed_transforms(recording), lambda names: _joints(recording, names), options)
+    if topics.cloud:
+        frames, blind = dropped_blind(_cloud_frames(recording, topics.depth, chosen, progress))
+        return _with(_placed(recording, frames, options), blind)
+    images = _images(recording, topics.depth, chosen, progress)
+    camera = camera_of(next(messages_of(recording, topics.info)))
+    paint = _Paint(recording, topics, chosen)
+    unit: float = options.unit or MILLIMETRE
+    notes: list[str] = []
+    if options.unit is None and images and images[0].encoding in _INTEGERS:
+        unit, notes = _unit(recording, images, camera, options)
+    frames, blind = dropped_blind([frame_of(image, None, camera, unit) for image in images])
+    sweep = _placed(recording, [paint.on(frame) for frame in frames], options)
+    return _with(sweep, [*notes, *blind, *paint.notes])
 
 
-def place(
-    frames: Sequence[Frame],
-    description: str,
-    fixed: Sequence[Mounting],
-    joints_of: Callable[[tuple[str, ...]], JointStream],
-    options: SweepOptions,
-) -> Sweep:
-    """Give frames their poses; those without are left out and reported.
+def _with(sweep: Sweep, notes: list[str]) -> Sweep:
+    return replace(sweep, notes=(*notes, *sweep.notes))
+
+
+def _placed(recording: Recording, frames: Sequence[Frame], options: SweepOptions) -> Sweep:
+    """Frames with their poses, by joint states, or by tf where these do not say them."""
+    fixed = fixed_transforms(recording)
+    if options.poses != "tf":
+        try:
+            description = recording.robot_description() if options.description is None else options.description
+
+            def joints_of(names: tuple[str, ...]) -> JointStream:
+                return recording.joint_states("joint_states", names)
+
+            return place(frames, description, fixed, joints_of, options.hand_eye, options.delay)
+        except InputError as error:
+            if options.poses == "joints" or error.code not in _NO_JOINTS or not frames:
+                raise
+            by_joints = error
+    given = [] if options.hand_eye is None else [replace(options.hand_eye, child=frames[0].frame_id)]
+    chain = [one for name in (frames[0].frame_id, options.base) if name for one in frames_above(recording, name)]
+    chain += [one for mounting in given for one in frames_above(recording, mounting.parent)]
+    unique = {one.child: one for one in chain}
+    if options.poses != "tf" and not (options.base or _moved(recording, list(unique.values()))):
+        raise by_joints
+    sweep = place_by_tf(frames, list(unique.values()), options.base, [*fixed, *given], options.delay)
+    return _with(sweep, [f"the camera's poses are those of tf, in {sweep.base}, whose z is taken to point up"])
+
+
+def _moved(recording: Recording, chain: Sequence[PoseStream]) -> bool:
+    """Whether transforms say where the camera was: they move, or no robot moved it."""
+    robot = has_topic(recording, "joint_states") or has_topic(recording, "robot_description")
+    return any(not is_constant(one) for one in chain) or bool(chain and not robot)
+
+
+def _unit(
+    recording: Recording, images: Sequence[Image], camera: Camera, options: SweepOptions
+) -> tuple[float, list[str]]:
+    """m, of integer depth, and what to say of it."""
+    few = [images[i] for i in _evenly(len(images), min(12, len(images)))]
+    known = np.concatenate([image.pixels[::8, ::8][image.pixels[::8, ::8] > 0].astype(np.float64) for image in few])
+    if not len(known):
+        return MILLIMETRE, []
+
+    by_stamp = {image.stamp: image for image in few}
+    placed = _placed(recording, [frame_of(image, None, camera) for image in few], options).views
+
+    def views_in(unit: float) -> list[View]:
+        return [replace(view, frame=frame_of(by_stamp[view.frame.stamp], None, camera, unit)) for view in placed]
+
+    unit, note = guessed_unit(float(np.median(known)), views_in, np.array([0.0, 0.0, 1.0]))
+    return unit, [note] if note else []
+
+
+def _images(recording: Recording, topic: str, chosen: NDArray[np.int64], progress: Progress) -> list[Image]:
+    """The depth images of some stamps."""
+    wanted, images = set(chosen.tolist()), list[Image]()
+    for message in messages_of(recording, topic):
+        if stamp_of(message) in wanted:
+            images.append(image_of(message, topic))
+            progress(len(images) / len(chosen))
+    return images
+
+
+def _cloud_frames(recording: Recording, topic: str, chosen: NDArray[np.int64], progress: Progress) -> list[Frame]:
+    """The clouds of some stamps, as images."""
+    wanted, frames = set(chosen.tolist()), list[Frame]()
+    for message in messages_of(recording, topic):
+        if stamp_of(message) in wanted:
+            frames.append(frame_of_cloud(message, topic))
+            progress(len(frames) / len(chosen))
+    return frames
+
+
+class _Paint:
+    """The colours of frames: as they are where they are aligned, else looked up; left out where that is not possible.
 
     Args:
-        frames: of one camera.
-        description: URDF.
-        fixed: from tf_static.
-        joints_of: the states of joints by their names.
-        options: `hand_eye` and `delay` count here.
-
-    Raises:
-        InputError: as `hand_eye_of` and `camera_poses`; EMPTY when no frame has a pose; FRAME_UNKNOWN for frames of
-            several cameras.
+        recording, topics: where they are.
+        chosen: (N,) ns, stamps of the depth.
     """
-    names = sorted({frame.frame_id for frame in frames})
-    if len(names) != 1:
-        raise InputError(
-            ErrorCode.FRAME_UNKNOWN, f"scan: frames of {len(names)} cameras ({', '.join(names)}): choose one of them"
+
+    def __init__(self, recording: Recording, topics: CameraTopics, chosen: NDArray[np.int64]) -> None:
+        self.notes: list[str] = []
+        self._recording, self._topics = recording, topics
+        self._images = _colours(recording, topics.colour, chosen)
+        self._lens: Camera | None = None
+        self._poses: dict[tuple[str, str], Pose | None] = {}
+
+    def on(self, frame: Frame) -> Frame:
+        """The frame with its colours."""
+        image = self._images.get(frame.stamp)
+        if image is None:
+            return frame
+        same_size = image.pixels.shape[:2] == frame.depth.shape
+        if same_size and image.frame_id == frame.frame_id:
+            return replace(frame, colours=image.pixels)
+        pose, lens = self._pose(image.frame_id, frame.frame_id), self._camera()
+        if pose is not None and lens is not None and image.pixels.shape[:2] == (lens.height, lens.width):
+            self._say("depth and colour are not aligned: each depth pixel was looked up in the colour image")
+            return replace(frame, colours=painted(frame.depth, frame.camera, image.pixels, lens, pose))
+        self._say(
+            f"depth ({frame.camera.width} x {frame.camera.height}, {frame.frame_id}) and colour"
+            f" ({image.pixels.shape[1]} x {image.pixels.shape[0]}, {image.frame_id}) are not aligned, and"
+            f" {'tf_static does not connect them' if pose is None else 'the colour has no fitting camera_info'}: the"
+            " colours were left out"
         )
-    given = [] if options.hand_eye is None else [replace(options.hand_eye, child=names[0])]
-    hand_eye = hand_eye_of(description, names[0], [*fixed, *given])
-    model = RobotModel.from_urdf(description, hand_eye.parent)
-    joints = joints_of(model.joint_names)
-    stamps = np.array([frame.stamp for frame in frames])
-    poses = camera_poses(model, joints, hand_eye, stamps, options.delay)
-    if not poses.known.any():
-        raise InputError(
-            ErrorCode.EMPTY,
-            f"scan: joint_states ({_span(joints.stamps)}) and images ({_span(stamps)}) do not overlap in time: record"
-            " them together, with one clock",
-        )
-    notes = []
-    if not poses.known.all():
-        lost = int(np.sum(~poses.known))
-        notes.append(f"{lost} of {len(frames)} frames have no joint states around them and were left out")
-    guessed = int(np.sum(poses.known & ~poses.sure))
-    if guessed:
-        notes.append(f"{guessed} frames fall into gaps of joint_states; their poses were interpolated")
-    return Sweep(views_of(frames, poses), model.base_frame, tuple(notes))
+        return frame
 
+    def _say(self, note: str) -> None:
+        if note not in self.notes:
+            self.notes.append(note)
 
-def views_of(frames: Sequence[Frame], poses: CameraPoses) -> list[View]:
-    """Frames with their poses, where there is one."""
-    return [
-        View(frame, poses.rotation[i], poses.translation[i], bool(poses.sure[i]))
-        for i, frame in enumerate(frames)
-        if poses.known[i]
-    ]
+    def _pose(self, colour_frame: str, depth_frame: str) -> Pose | None:
+        key = colour_frame, depth_frame
+        if key not in self._poses:
+            tree = FrameTree(one_parent=False, keep=False)
+            for one in fixed_transforms(self._recording):
+                tree.add([0], one.parent, one.child, one.rotation[None], one.translation[None], fixed=True)
+            same = Pose.identity() if colour_frame == depth_frame else None
+            self._poses[key] = same or tree.pose(depth_frame, colour_frame)
+        return self._poses[key]
 
-
-def find_topics(recording: Recording, options: SweepOptions) -> dict[str, str]:
-    """Which topics carry what: depth (or a cloud), camera info, and colours ("" without).
-
-    Raises:
-        InputError: TOPIC_MISSING, naming the topics of the bag.
-    """
-    if options.depth and recording.topic(options.depth).type == CLOUD:
-        return {"kind": CLOUD, "depth": recording.topic(options.depth).name, "colour": "", "info": ""}
-    images = [name for name, kind in recording.topics.items() if kind == IMAGE and recording.counts[name]]
-    encodings = {name: str(next(messages_of(recording, name)).encoding) for name in images}
-    depths = [name for name in images if encodings[name] in _DEPTHS]
-    depth = recording.topic(options.depth, IMAGE).name if options.depth else _best(depths, ("aligned", "depth"))
-    if not depth:
-        clouds = [name for name, kind in recording.topics.items() if kind == CLOUD and recording.counts[name]]
-        if clouds:
-            return {"kind": CLOUD, "depth": _best(clouds, ("depth",)), "colour": "", "info": ""}
-        there = ", ".join(f"{name} ({kind})" for name, kind in recording.topics.items())
-        raise InputError(
-            ErrorCode.TOPIC_MISSING,
-            f"{recording.path} has no depth: record the aligned depth image with its camera_info, or a PointCloud2; it"
-            f" has {there}",
-        )
-    colours = [name for name in images if name not in depths]
-    colour = recording.topic(options.colour, IMAGE).name if options.colour else _best(colours, ("color", "rgb"))
-    infos = [name for name, kind in recording.topics.items() if kind == INFO and recording.counts[name]]
-    info = recording.topic(options.info, INFO).name if options.info else _nearest_name(infos, depth)
-    if not info:
-        raise InputError(
-            ErrorCode.TOPIC_MISSING,
-            f"{recording.path} has no camera_info, without which {depth} has no rays: record the camera_info of the"
-            " aligned depth",
-        )
-    return {"kind": IMAGE, "depth": depth, "colour": colour, "info": info}
-
-
-def _best(names: Sequence[str], words: Sequence[str]) -> str:
-    """The name that holds most of these words; empty when there is none."""
-    return max(names, key=lambda name: sum(word in name for word in words), default="")
-
-
-def _nearest_name(infos: Sequence[str], depth: str) -> str:
-    """The camera info in the folder of the depth image, else the one most like it."""
-    folder = depth.rpartition("/")[0]
-    inside = [name for name in infos if name.rpartition("/")[0] == folder]
-    return inside[0] if inside else _best(infos, tuple(folder.split("/")))
-
-
-def _read_frames(
-    recording: Recording,
-    topics: dict[str, str],
-    chosen: NDArray[np.int64],
-    unit: float,
-    progress: Callable[[float], None],
-) -> list[Frame]:
-    """The depth images, or clouds, of some stamps."""
-    wanted, frames = set(chosen.tolist()), []
-    camera, colours = None, {}
-    if topics["kind"] == IMAGE:
-        camera = camera_of(next(messages_of(recording, topics["info"])))
-        colours = _colours(recording, topics["colour"], chosen)
-    for message in messages_of(recording, topics["depth"]):
-        stamp = stamp_of(message)
-        if stamp not in wanted:
-            continue
-        if camera is None:
-            frames.append(frame_of_cloud(message, topics["depth"]))
-        else:
-            frames.append(frame_of(image_of(message, topics["depth"]), colours.get(stamp), camera, unit))
-        progress(len(frames) / len(chosen))
-    return frames
+    def _camera(self) -> Camera | None:
+        if self._lens is None and self._topics.colour_info:
+            self._lens = camera_of(next(messages_of(self._recording, self._topics.colour_info)))
+        return self._lens
 
 
 def camera_of(message: Any) -> Camera:
@@ -223,7 +220,7 @@ def camera_of(message: Any) -> Camera:
 
 
 def frame_of(depth: Image, colour: Image | None, camera: Camera, unit: float = MILLIMETRE) -> Frame:
-    """A depth image with its colours.
+    """A depth image with its colours, if they are aligned to it.
 
     Raises:
         InputError: TYPE_MISMATCH when depth, colour and camera are not of one size.
@@ -233,7 +230,7 @@ def frame_of(depth: Image, colour: Image | None, camera: Camera, unit: float = M
         raise InputError(
             ErrorCode.TYPE_MISMATCH,
             f"scan: depth has {width} x {height} pixels, its camera_info {camera.width} x {camera.height}; take the"
-            " camera_info of the aligned depth",
+            " camera_info of the same image",
         )
     if colour is not None and colour.pixels.shape[:2] != (height, width):
         raise InputError(
@@ -281,15 +278,5 @@ def transform_of(stamped: Any) -> Mounting:
     return Mounting.of_vector(str(stamped.header.frame_id), str(stamped.child_frame_id), pose)
 
 
-def _joints(recording: Recording, names: tuple[str, ...]) -> JointStream:
-    return recording.joint_states("joint_states", names)
-
-
 def _evenly(count: int, wanted: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, wanted).round().astype(np.int64))
-
-
-def _span(stamps: NDArray[np.int64]) -> str:
-    if not len(stamps):
-        return "none"
-    return f"{stamps.min() * 1e-9:.2f} to {stamps.max() * 1e-9:.2f} s"

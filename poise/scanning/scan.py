@@ -1,19 +1,21 @@
 """From views to the cloud of one object: seen, completed down to the table, and what is not trusted about it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
+from poise.scanning.placing import Sweep
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
-from poise.shape import Solid
+from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
 from poise.types import Array, Cancelled, Mask, Progress
 
 _LEAST_DEPTH = 0.05
@@ -23,8 +25,10 @@ _UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 """Shares of the surface, without its underside, that no view saw."""
 _THICK = 2e-3
-HIDDEN_OFF = 2e-3
-"""m that completed surface is off: 1.0 to 2.7 on the tools of benchmarks/scanning.py, nearly always outwards."""
+_AGREED = 0.9
+"""Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
+_MOVED = 1e-2
+"""m that a pose is moved, from which on something is wrong besides calibration."""
 SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
 SCANNED_FROM = 2 * HIDDEN_OFF
@@ -39,6 +43,7 @@ class ScanOptions:
         voxel: m, spacing of the seen points.
         cell: m, spacing of the completed points.
         farthest: m from the camera up to which it is looked at.
+        region: (6,) m in the world: middle of the bottom and size of a box; objects outside are not seen. None: all.
         near: (3,) m in the world: of several objects, the one nearest to it (the grasp); None: nearest to where the
             camera looks.
         up: (3,) against gravity, in the world.
@@ -50,6 +55,7 @@ class ScanOptions:
     voxel: float = 1.5e-3
     cell: float = 2e-3
     farthest: float = 1.2
+    region: tuple[float, float, float, float, float, float] | None = None
     near: tuple[float, float, float] | None = None
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     refine: Literal["auto", "always", "never"] = "auto"
@@ -73,7 +79,7 @@ class Scan:
         n_objects: that stood there.
         n_views: that were used.
         moved: m, the most that a pose was moved at the object.
-        hidden_volume_std: m3, one sigma of the volume from what was not seen.
+        agreed: share of the surface that the views agree on.
         notes: what to read it with, one sentence each.
     """
 
@@ -85,15 +91,15 @@ class Scan:
     n_objects: int
     n_views: int
     moved: float
-    hidden_volume_std: float
+    agreed: float
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
 
-    def volume_std(self, solid: Solid) -> float:
-        """m3, one sigma: of a solid of the points between them, and of what was not seen."""
-        return float(np.hypot(solid.volume_std, self.hidden_volume_std))
+    def segmented(self, options: SegmentationOptions = DEFAULT_SEGMENTATION) -> Segmentation:
+        """Its solid and parts; `solid.volume_std` includes what was not seen."""
+        return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen)
 
     @property
     def foot(self) -> Array:
@@ -139,6 +145,8 @@ def scan(
             " clocks of camera and joint_states"
         )
     surface = fuse(views, footprint, options.voxel)
+    if surface.agreed < _AGREED:
+        notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     reach(0.8)
     hidden = complete(surface, views, footprint, options.cell) if options.complete else None
     if hidden is not None:
@@ -146,9 +154,30 @@ def scan(
     reach(1.0)
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
-    doubt = 0.0 if hidden is None else HIDDEN_OFF * hidden.area
     cloud = whole.points, whole.colours, whole.normals, seen
-    return Scan(*cloud, plane, n_objects, len(views), moved, doubt, tuple(notes))
+    return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes))
+
+
+def scan_sweep(
+    sweep: Sweep,
+    options: ScanOptions = DEFAULT_SCAN,
+    progress: Progress = lambda share: None,
+    cancelled: Cancelled = lambda: False,
+) -> Scan:
+    """Scan what a sweep shows; when its views disagree, the error says what would make them agree.
+
+    Raises:
+        InputError, NoAnswerError: as `scan`.
+    """
+    up = np.array(options.up) / np.linalg.norm(options.up)
+    try:
+        found = scan(sweep.views, options, progress, cancelled)
+    except InputError as error:
+        cause = likely_cause(sweep, up, options.farthest) if error.data.get("disagree") else ""
+        raise (InputError(error.code, f"{error.message}; {cause}", **error.data) if cause else error) from error
+    doubtful = found.plane.thickness > _THICK or found.moved > _MOVED or found.agreed < _AGREED
+    cause = likely_cause(sweep, up, options.farthest) if doubtful else ""
+    return replace(found, notes=(*found.notes, cause)) if cause else found
 
 
 def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Array:
@@ -160,7 +189,28 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
     _check_depth(views, options)
     points = coarse_points(views, options.farthest)
     up = np.array(options.up) / np.linalg.norm(options.up)
-    return objects_on(points, find_plane(points, up, np.random.default_rng(options.seed)))[1]
+    plane = find_plane(points, up, np.random.default_rng(options.seed))
+    return objects_on(_regarded(points, plane, options), plane)[1]
+
+
+def _regarded(points: Array, plane: Plane, options: ScanOptions) -> Array:
+    """The points, of which those outside the region are laid onto the table: they are known, but nothing rises there.
+
+    Raises:
+        InputError: EMPTY when there are none in the region.
+    """
+    if options.region is None:
+        return points
+    middle, size = np.array(options.region[:3]), np.array(options.region[3:])
+    offset = points - middle
+    inside = np.all(np.abs(offset[:, :2]) <= size[:2] / 2, axis=1) & (offset[:, 2] <= size[2])
+    if not inside.any():
+        raise InputError(
+            ErrorCode.EMPTY,
+            f"scan: no view shows anything in the region of {size.tolist()} m at {middle.tolist()}: check it (x y z of"
+            " the middle of its bottom, and its size, m, in the robot's base)",
+        )
+    return np.where(inside[:, None], points, points - plane.heights(points)[:, None] * plane.normal)
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:
@@ -203,14 +253,15 @@ def _look(views: Sequence[View], options: ScanOptions) -> tuple[Plane, Footprint
     points = coarse_points(views, options.farthest)
     up = np.array(options.up) / np.linalg.norm(options.up)
     plane = find_plane(points, up, np.random.default_rng(options.seed))
-    footprints, middles = objects_on(points, plane)
-    wanted = _regard(views, plane) if options.near is None else np.array(options.near)
+    footprints, middles = objects_on(_regarded(points, plane, options), plane)
+    given = options.near if options.near is not None or options.region is None else options.region[:3]
+    wanted = _regard(views, plane) if given is None else np.array(given)
     apart = np.linalg.norm((middles - wanted) @ plane.axes[:2].T, axis=1)
     chosen = int(np.argmin(apart))
     if len(footprints) == 1:
         return plane, footprints[0], 1, []
     places = "; ".join(f"({', '.join(f'{value:.3f}' for value in middle)})" for middle in middles)
-    why = "where the camera looks" if options.near is None else "the point that was given"
+    why = "where the camera looks" if given is None else "the point or region that was given"
     note = (
         f"{len(footprints)} objects stand on the table, at {places} m: the one at"
         f" ({', '.join(f'{value:.3f}' for value in middles[chosen])}) was taken, nearest to {why}; choose by a point"

@@ -12,7 +12,8 @@ from poise.recording import Image, JointStream
 from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame
-from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, Sweep, SweepOptions, frame_of, place
+from poise.scanning.placing import Sweep, place
+from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, SweepOptions, frame_of
 
 _COLOURS_KEPT = 20
 _MOST_STATES = 50_000
@@ -199,7 +200,8 @@ class ScanSession:
             frames = [
                 frame_of(depth, self._paired.get(depth.stamp), self._camera, self._unit) for depth in self._depths
             ]
-        found = place(frames, robot.description, list(robot.fixed.values()), robot.joints, options)
+        fixed = list(robot.fixed.values())
+        found = place(frames, robot.description, fixed, robot.joints, options.hand_eye, options.delay)
         notes = list(found.notes)
         if (gap := self.longest_gap) > max(_LONG_GAP, 3 * self.options.period):
             notes.append(f"the camera sent no frame for {gap:.1f} s: what was seen only then is missing")

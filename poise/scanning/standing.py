@@ -8,8 +8,8 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.scanning.cans import StandingCylinder, standing_cylinder
 from poise.scanning.faceted import counted, faceted
-from poise.scanning.scan import HIDDEN_OFF, SCANNED_FROM
-from poise.shape import check_mesh
+from poise.scanning.scan import SCANNED_FROM
+from poise.shape import HIDDEN_OFF, check_mesh
 from poise.types import Array, Indices, Mask
 
 _ROUGH = 1e-3

@@ -94,11 +94,11 @@ def find_plane(points: Array, up: Array, rng: np.random.Generator) -> Plane:
         other = int(np.argmax(shares))
         lean = np.rad2deg(np.arccos(np.clip(normals[other] @ up, -1, 1)))
         found = f"the largest plane leans by {lean:.0f} deg" if shares[other] > _LEAST_SHARE else "there is no plane"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {_REMEDY}")
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {_REMEDY}", disagree=True)
     plane = _fitted(points, normals[best], float(normals[best] @ corners[best, 0]))
     if plane.thickness > _THICKEST:
         thick = f"what is about level is {1e3 * plane.thickness:.0f} mm thick"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {_REMEDY}")
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {_REMEDY}", disagree=True)
     return plane
 
 

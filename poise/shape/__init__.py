@@ -1,23 +1,30 @@
 """Shapes of objects: from point clouds and meshes to closed solids and their parts.
 
 - `clouds`, `meshes`: files and messages are read, checked and repaired within limits.
-- `solid`, `segmentation`: a closed tetrahedral solid of surface points, cut into parts that likely have one density.
+- `carving`, `surface_fit`, `matching`, `reconstruction`: the closed tetrahedral solid that explains noisy points.
+- `segmentation`: a solid cut into parts that likely have one density.
 - `independent`: at most four parts whose masses a sensor at rest distinguishes.
 - `part_surfaces`, `surface_files`: output of parts and surfaces.
 """
 
 from poise.shape.clouds import Cloud, read_cloud
 from poise.shape.independent import independent_parts
-from poise.shape.meshes import MESH_FORMATS, check_mesh, read_mesh, read_triangles
+from poise.shape.mesh_clouds import read_surface
+from poise.shape.meshes import MESH_FORMATS, CheckedMesh, check_mesh, read_mesh, read_triangles
 from poise.shape.part_surfaces import part_surface
-from poise.shape.segmentation import Segmentation, segment
+from poise.shape.reconstruction import HIDDEN_OFF
+from poise.shape.segmentation import DEFAULT_SEGMENTATION, Segmentation, SegmentationOptions, segment
 from poise.shape.solid import Solid, tetrahedron_moments
 from poise.shape.surface_files import colour_of, labelled_ply, surface_ply
 
 __all__ = [
+    "DEFAULT_SEGMENTATION",
+    "HIDDEN_OFF",
     "MESH_FORMATS",
+    "CheckedMesh",
     "Cloud",
     "Segmentation",
+    "SegmentationOptions",
     "Solid",
     "check_mesh",
     "colour_of",
@@ -26,6 +33,7 @@ __all__ = [
     "part_surface",
     "read_cloud",
     "read_mesh",
+    "read_surface",
     "read_triangles",
     "segment",
     "surface_ply",

@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _BALL = 2.4
 """Radius of the ball in spacings of the points: it passes no hole of random sampling, yet enters what is concave."""
@@ -23,6 +23,15 @@ _NEIGHBOURS = 6
 _LEAK = 0.6
 """A ball that finds less than this share of the volume which a larger ball leaves has found a hole in the sampling."""
 _LEAK_BALLS = (2.8, 3.2, 4.0)
+_COST = 0.1
+"""What the normals have to say for a gap in each tetrahedron of a pocket, at the least, as a cosine."""
+_POCKET = 1.2
+"""Radius, in spacings, of the smallest ball that may enter a pocket."""
+_LARGEST_BALL, _PRIOR = 4.0, 0.45
+"""Spacings, of a ball that needs no leave; and what speaks for each tetrahedron that `_BALL` reaches."""
+_FEWEST_DEEP = 4
+_PLANE = 12
+"""Points that a normal is found from."""
 _FEWEST_POINTS = 20
 _TINY = 1e-30
 
@@ -33,12 +42,16 @@ def spacing_of(points: Array) -> float:
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
-def carve(points: Array, spacing: float | None = None) -> Solid:
+def carve(
+    points: Array, spacing: float | None = None, depth: float | None = None, normals: Array | None = None
+) -> Solid:
     """The solid whose surface the points lie on.
 
     Args:
         points: (N, 3) m, on the whole surface, in any order.
         spacing: m between neighbours; None: as measured.
+        depth: m, how deep inside a point has to lie to say that there is a pocket (see `_pockets`); None: at no depth.
+        normals: (N, 3) outward unit normals, where they were measured.
 
     Raises:
         InputError: SCAN_INCOMPLETE for too few points, MESH_INVALID when they enclose no volume.
@@ -60,25 +73,119 @@ def carve(points: Array, spacing: float | None = None) -> Solid:
         rows[left_handed, :2] = rows[left_handed, 1::-1]
     corners = points[tetrahedra]
     volumes = tetrahedron_volumes(corners)
-    reach = _reach(corners, neighbours) / spacing
+    reach, order, parents = _reach(corners, neighbours)
+    reach /= spacing
 
     def volume(ball: float) -> float:
         return float(volumes[reach <= ball].sum())
 
     ball = max([_BALL, *(larger for larger in _LEAK_BALLS if volume(_BALL) < _LEAK * volume(larger))])
-    kept = np.flatnonzero((reach <= ball) & (volumes > 0))
+    inside = reach <= ball
+    if depth is not None:
+        inside = reach <= _LARGEST_BALL
+        inside &= ~_pockets(points, tetrahedra, neighbours, (reach, order, parents), inside, depth, normals)
+    kept = np.flatnonzero(inside & (volumes > 0))
     if not len(kept):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    low, high = (volume(ball / _BALL * limit) for limit in _SPREAD)
+    low, middle, high = (volume(ball / _BALL * limit) for limit in (_SPREAD[0], _BALL, _SPREAD[1]))
+    low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
     number = np.full(len(tetrahedra) + 1, -1)
     number[kept] = np.arange(len(kept))
     return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=(high - low) / 2)
 
 
-def _reach(corners: Array, neighbours: Indices) -> Array:
+def _pockets(
+    points: Array,
+    tetrahedra: Indices,
+    neighbours: Indices,
+    tree: tuple[Array, Indices, Indices],
+    inside: Mask,
+    depth: float,
+    normals: Array | None,
+) -> Mask:
+    """(T,) what a smaller ball would carve away, too, and rightly so: surfaces that face each other have a gap between.
+
+    A gap between two handles that is narrower than the ball leaves their facing sides inside of the solid. Which way
+    those face is found by following the surface from where the solid shows it. What to open is the cut of the tree of
+    ways in that gains most: what the normals of deep points say, for a gap or against it, less `_COST` for each
+    tetrahedron. A hole in the sampling, through which a small ball leaks into the object, gains nothing.
+    """
+    reach, order, parents = tree
+    outside = ~np.append(inside, False)
+    owner, corner = np.nonzero(inside[:, None] & outside[neighbours])
+    facets = np.take_along_axis(tetrahedra[owner], FACES[corner], axis=1)
+    buried = np.ones(len(points), bool)
+    buried[tetrahedra[~inside]] = False
+    buried[facets] = False
+    nothing = np.zeros(len(inside), bool)
+    deep = np.zeros(len(points), bool)
+    if buried.any():
+        deep[buried] = cKDTree(points[~buried]).query(points[buried])[0] > depth
+    fits = reach > _BALL
+    if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
+        return nothing
+    facing = normals if normals is not None else oriented_normals(points, facets)
+    toward = points[tetrahedra].mean(axis=1)[:, None] - points[tetrahedra]
+    toward /= np.maximum(np.linalg.norm(toward, axis=2), 1e-30)[..., None]
+    says = np.einsum("tki,tki->tk", toward, facing[tetrahedra])
+    shallow = ~deep[tetrahedra] & ~fits[:, None]
+    says[shallow] = np.minimum(says[shallow], 0)
+    worth = says.mean(axis=1) + np.where(fits, _PRIOR, -_COST)
+    worth[inside & (reach < _POCKET)] = -np.inf
+    gains, above = worth.tolist(), parents.tolist()
+    walk = [tetrahedron for tetrahedron in order.tolist() if tetrahedron < len(inside) and inside[tetrahedron]]
+    for tetrahedron in reversed(walk):
+        parent = above[tetrahedron]
+        if gains[tetrahedron] > 0 and parent < len(inside) and inside[parent]:
+            gains[parent] += gains[tetrahedron]
+    opened = np.append(~inside, True)
+    for tetrahedron in walk:
+        opened[tetrahedron] = gains[tetrahedron] > 0 and opened[above[tetrahedron]]
+    return np.asarray(opened[:-1] & inside)
+
+
+def oriented_normals(points: Array, facets: Indices) -> Array:
+    """(N, 3) outward unit normals of points, from their neighbours, with the side that some of them have on facets.
+
+    The side is handed on from neighbour to neighbour where the surface bends least (Hoppe et al. 1992).
+
+    Args:
+        points: (N, 3) m.
+        facets: (F, 3) triangles around the solid, counter-clockwise from outside; they show the side of their corners.
+    """
+    count = len(points)
+    near = cKDTree(points).query(points, k=min(_PLANE, count))[1]
+    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+    a, b, c = (points[facets[:, k]] for k in range(3))
+    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    sums = np.stack([np.bincount(facets.ravel(), across[:, axis], count) for axis in range(3)], axis=1)
+    shown = np.unique(facets)
+    normals[shown] *= np.where(np.einsum("ij,ij->i", normals[shown], sums[shown]) < 0, -1.0, 1.0)[:, None]
+    i, j = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
+    bend = 1.01 - np.abs(np.einsum("ij,ij->i", normals[i], normals[j]))
+    root = np.full(len(shown), count)
+    graph = coo_array(
+        (np.concatenate([bend, np.full(len(shown), 1e-3)]), (np.concatenate([i, root]), np.concatenate([j, shown]))),
+        shape=(count + 1, count + 1),
+    ).tocsr()
+    order, parents = breadth_first_order(minimum_spanning_tree(graph), count, directed=False)
+    known = np.zeros(count, bool)
+    known[shown] = True
+    for point, parent in zip(order[1:].tolist(), parents[order[1:]].tolist(), strict=True):
+        if not known[point] and normals[point] @ normals[parent] < 0:
+            normals[point] *= -1
+    return np.asarray(normals)
+
+
+def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices]:
     """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside.
 
     The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius.
+
+    Returns:
+        The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and
+        (T + 1,) that one, T for the outside.
     """
     n_tetrahedra = len(corners)
     inner = np.repeat(np.arange(n_tetrahedra), 4)
@@ -102,7 +209,7 @@ def _reach(corners: Array, neighbours: Indices) -> Array:
     reach, parents = to_parent.tolist(), parent.tolist()
     for tetrahedron in order[1:].tolist():
         reach[tetrahedron] = min(reach[tetrahedron], reach[parents[tetrahedron]])
-    return np.array(reach[:n_tetrahedra])
+    return np.array(reach[:n_tetrahedra]), order[1:], parent
 
 
 def _circumradius_of_triangles(corners: Array) -> Array:

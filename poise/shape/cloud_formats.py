@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.types import Array
+from poise.types import Array, Mask
 
 MAX_POINTS = 5_000_000
 _MAX_HEADER = 65_536
@@ -18,6 +18,7 @@ _PLY_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +29,15 @@ class CloudTable:
         points: (N, 3) as they are in the file.
         colours: (N, 3) 0..1, or None.
         n_faces: triangles that the file holds beside its points.
+        normals: (N, 3) as they are in the file, or None.
+        seen: (N,) False where a scan completed the surface (column `seen`), or None.
     """
 
     points: Array
     colours: Array | None
     n_faces: int = 0
+    normals: Array | None = None
+    seen: Mask | None = None
 
 
 @dataclass(frozen=True)
@@ -212,11 +217,19 @@ def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0)
     missing = [axis for axis in "xyz" if axis not in columns]
     if missing:
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: no column {', '.join(missing)} among {', '.join(columns)}")
-    points = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    for channels in _COLOURS:
-        if all(channel in columns for channel in channels):
-            return CloudTable(points, _shades(np.stack([columns[channel] for channel in channels], axis=1)), n_faces)
-    return CloudTable(points, None, n_faces)
+    channels = next((three for three in _COLOURS if all(channel in columns for channel in three)), None)
+    facing = next((three for three in _NORMALS if all(axis in columns for axis in three)), None)
+    return CloudTable(
+        _joined(columns, ("x", "y", "z")),
+        None if channels is None else _shades(np.stack([columns[channel] for channel in channels], axis=1)),
+        n_faces,
+        None if facing is None else _joined(columns, facing),
+        np.asarray(columns["seen"] != 0) if "seen" in columns else None,
+    )
+
+
+def _joined(columns: dict[str, NDArray[np.generic]], names: tuple[str, ...]) -> Array:
+    return np.stack([columns[name].astype(np.float64) for name in names], axis=1)
 
 
 def _shades(colours: NDArray[np.generic]) -> Array:

@@ -1,6 +1,6 @@
 """Point clouds from files or arrays: validated, in metres, invalid points removed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.cloud_formats import CLOUD_READERS, MAX_POINTS, CloudTable
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _MAX_BYTES = 400_000_000
+_LEAST_NORMAL = 1e-6
 _SMALLEST, _LARGEST = 2e-3, 5.0
 """m, diagonals between which a cloud can be of something that a robot carries."""
 
@@ -25,6 +26,8 @@ class Cloud:
         rows: (N,) where each point stands in the file or array.
         n_rows: how many rows that had.
         notes: what was found on the way, one sentence each.
+        normals: (N, 3) outward unit normals, or None.
+        seen: (N,) False where a scan completed the surface, or None when all of it was seen.
     """
 
     points: Array
@@ -32,6 +35,8 @@ class Cloud:
     rows: Indices
     n_rows: int
     notes: tuple[str, ...] = ()
+    normals: Array | None = None
+    seen: Mask | None = None
 
     def spread(self, labels: Indices) -> Indices:
         """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are not a point."""
@@ -66,7 +71,19 @@ def read_cloud(path: Path, scale: float = 1.0) -> Cloud:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
     table: CloudTable = reader(content, str(path))
     notes = () if not table.n_faces else (f"{path.name}: {table.n_faces} faces were left aside, its vertices used",)
-    return check_cloud(table.points, table.colours, scale, str(path), notes)
+    cloud = check_cloud(table.points, table.colours, scale, str(path), notes)
+    seen = None if table.seen is None else table.seen[cloud.rows]
+    if seen is not None and not seen.all():
+        share = f"{np.mean(~seen):.0%} of the points were completed by a scan, not seen"
+        cloud = replace(cloud, seen=seen, notes=(*cloud.notes, f"{share}: the volume's uncertainty includes that"))
+    return cloud if table.normals is None else replace(cloud, normals=_unit(table.normals[cloud.rows]))
+
+
+def _unit(normals: Array) -> Array | None:
+    """Normals at length one; None when some are no directions."""
+    lengths = np.linalg.norm(normals, axis=1)
+    usable = np.all(np.isfinite(lengths) & (lengths > _LEAST_NORMAL))
+    return normals / lengths[:, None] if usable else None
 
 
 def check_cloud(

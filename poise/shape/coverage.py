@@ -18,13 +18,17 @@ _SMALL_PIECE = 0.03
 _REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
-def check_coverage(solid: Solid) -> tuple[str, ...]:
+def check_coverage(carved: Solid, solid: Solid) -> tuple[str, ...]:
     """Sentences about a solid that is not quite trusted.
+
+    Args:
+        carved: of the points.
+        solid: the same, moved to what explains them, with the uncertainty of its volume.
 
     Raises:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
     """
-    bare, doubt = bare_share(solid), solid.volume_std / solid.volume
+    bare, doubt = bare_share(carved), carved.volume_std / carved.volume
     if bare > _BARE_ERROR or doubt > _STD_ERROR:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
@@ -33,9 +37,10 @@ def check_coverage(solid: Solid) -> tuple[str, ...]:
             bare=bare,
         )
     notes = []
+    doubt = solid.volume_std / max(solid.volume, 1e-12)
     if bare > _BARE_NOTE or doubt > _STD_NOTE:
         notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_REMEDY}")
-    pieces = piece_volumes(solid) / solid.volume
+    pieces = piece_volumes(carved) / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")

@@ -17,6 +17,8 @@ from poise.types import Array, Indices
 
 _FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""
+_HASTE = 1e-3
+"""Factor of the cost for what is too small to be a part."""
 
 
 def _half_sphere(count: int) -> Array:
@@ -39,12 +41,14 @@ class MergeCosts:
         fold: the same per unit of fold along their border (see `SurfaceGraph.creases`).
         hollow: for all the hollow of the merged cluster, as a share of it; what merging adds counts in full.
         size: for the square of the merged volume; small pairs merge first.
+        least: share of the volume below which a cluster is no part, and merges with the likest beside it.
     """
 
-    colour: float = 10.0
-    fold: float = 2.0
+    colour: float = 40.0
+    fold: float = 6.0
     hollow: float = 0.04
     size: float = 1e-3
+    least: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,10 @@ class Hierarchy:
         for merge in self.merges[:steps]:
             member[(member == merge.left) | (member == merge.right)] = merge.parent
         return np.unique(member, return_inverse=True)[1]
+
+    def steps_to(self, parts: int) -> int:
+        """How many merges leave a number of parts, or as near to it as there are clusters and pieces."""
+        return int(np.clip(self.n_leaves - parts, 0, len(self.merges)))
 
     def steps_below(self, limit: float) -> int:
         """How many merges come before the first that costs more."""
@@ -128,6 +136,10 @@ class _Clusters:
         size = one.weight * other.weight / (one.weight + other.weight)
         step = float(np.linalg.norm(one.colour - other.colour))
         return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + _FEWEST_EDGES)))
+
+    def haste(self, i: int, j: int) -> float:
+        """By which a cluster that is too small to be a part is merged before others are."""
+        return _HASTE if min(self.items[i].volume, self.items[j].volume) < self.costs.least else 1.0
 
     def together(self, i: int, j: int) -> tuple[float, _Cluster]:
         """What the shape of a merge costs (eq. 3.27), and the merged cluster: its hull is that of the two hulls."""
@@ -202,7 +214,8 @@ def _merge_all(clusters: _Clusters) -> list[Merge]:
     known: dict[tuple[int, int], _Cluster] = {}
 
     def consider(i: int, j: int) -> None:
-        heapq.heappush(queue, (clusters.border_cost(i, j), min(i, j), max(i, j)))
+        cost = clusters.border_cost(i, j) * clusters.haste(i, j)
+        heapq.heappush(queue, (cost, min(i, j), max(i, j)))
 
     for i, others in clusters.touching.items():
         for j in sorted(others):
@@ -215,7 +228,7 @@ def _merge_all(clusters: _Clusters) -> list[Merge]:
             continue
         if (i, j) not in known:
             more, known[i, j] = clusters.together(i, j)
-            heapq.heappush(queue, (cost + more, i, j))
+            heapq.heappush(queue, (cost + more * clusters.haste(i, j), i, j))
             continue
         parent = clusters.merge(i, j, known.pop((i, j)))
         merges.append(Merge(i, j, parent, cost))

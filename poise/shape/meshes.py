@@ -32,6 +32,11 @@ class CheckedMesh:
     triangles: Indices
     notes: tuple[str, ...] = ()
 
+    @property
+    def volume(self) -> float:
+        """m3."""
+        return float(np.linalg.det(self.vertices[self.triangles]).sum() / 6)
+
 
 def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> CheckedMesh:
     """Read an STL, OBJ, PLY, GLB or USD file.

@@ -7,15 +7,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.notebooks import html_table
-from poise.shape.carving import carve, spacing_of
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
+from poise.shape.reconstruction import guarded, reconstruct
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_graph
-from poise.shape.thinning import thin
-from poise.shape.unbiased import unbiased
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
+
+_PLAIN, _SHARE = 0.12, 0.05
+"""Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +26,25 @@ class SegmentationOptions:
     Args:
         points: a denser cloud is thinned to about as many.
         clusters: initial clusters of surface points; many more than parts are expected.
+        noise: m, one sigma of the points along each axis; None: estimated from them.
         limit: merging stops at the first step that costs more, in shares of the object's volume.
+        plain_limit: the same when no colours say where materials meet: what has one colour likely is one piece.
+        parts: this many instead.
         weights: of the initial clusters.
         costs: of merging them.
     """
 
     points: int = 2500
     clusters: int = 120
-    limit: float = 0.006
+    noise: float | None = None
+    limit: float = 0.04
+    plain_limit: float = 0.12
+    parts: int | None = None
     weights: Weights = field(default_factory=Weights)
     costs: MergeCosts = field(default_factory=MergeCosts)
 
 
-_DEFAULT = SegmentationOptions()
+DEFAULT_SEGMENTATION = SegmentationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +52,8 @@ class Segmentation:
     """A solid and its parts.
 
     Args:
-        solid: T tetrahedra, as `unbiased` makes it; a vertex for every point, or fewer when there were too many.
+        solid: T tetrahedra, as `reconstruct` makes it; a vertex for every point, or fewer when there were too many.
+        noise: m, one sigma of the points along each axis.
         labels: (N,) part of each surface point that was given, 0..P-1.
         tetrahedron_labels: (T,) part of each tetrahedron.
         hierarchy: of all merges; its leaves are the initial clusters.
@@ -61,6 +69,7 @@ class Segmentation:
     hierarchy: Hierarchy
     leaves: Indices
     steps: int
+    noise: float = 0.0
     part_colours: Array | None = None
     notes: tuple[str, ...] = ()
 
@@ -99,34 +108,49 @@ class Segmentation:
         return triangles, self.tetrahedron_labels[owners]
 
 
-def segment(points: Array, colours: Array | None = None, options: SegmentationOptions = _DEFAULT) -> Segmentation:
+def segment(
+    points: Array,
+    colours: Array | None = None,
+    options: SegmentationOptions = DEFAULT_SEGMENTATION,
+    *,
+    normals: Array | None = None,
+    seen: Mask | None = None,
+) -> Segmentation:
     """Cut an object into parts.
 
     Args:
         points: (N, 3) m, on its whole surface, finite (see `clouds`).
         colours: (N, 3) 0..1, or None.
+        options: how.
+        normals: (N, 3) outward unit normals, where they were measured.
+        seen: (N,) False where a scan completed the surface; None: all of it was seen.
 
     Raises:
         InputError: as `carve` and `check_coverage`.
     """
-    chosen = thin(points, options.points)
-    few = points[chosen]
-    shades = np.zeros_like(few) if colours is None else colours[chosen]
-    spacing = spacing_of(few)
-    solid = carve(few, spacing)
-    notes = check_coverage(solid)
-    graph = surface_graph(solid)
+    made = reconstruct(points, options.points, options.noise, normals, seen)
+    notes = check_coverage(made.carved, made.solid)
+    few, spacing = made.solid.vertices, made.spacing
+    shades = np.zeros_like(few) if colours is None else colours[made.rows]
+    graph = surface_graph(made.solid)
     features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
-    tree = cKDTree(few)
-    leaves, point_leaves = _leaves(solid, clusters, tree)
-    hierarchy = build_hierarchy(solid, leaves, point_leaves, shades, graph, options.costs)
-    steps = hierarchy.steps_below(options.limit)
+    leaves, point_leaves = _leaves(made.carved, clusters)
+    hierarchy = build_hierarchy(made.carved, leaves, point_leaves, shades, graph, options.costs)
+    limit = options.limit if _contrast(features.colours) > _PLAIN else options.plain_limit
+    steps = hierarchy.steps_below(limit) if options.parts is None else hierarchy.steps_to(options.parts)
     parts = hierarchy.labels(steps)
-    nearest = np.arange(len(few)) if len(few) == len(points) else tree.query(points)[1]
+    every = len(few) == len(points)
+    nearest = np.arange(len(few)) if every else cKDTree(points[made.rows]).query(points)[1]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
-    labels, solid = parts[point_leaves][nearest], unbiased(solid, parts[leaves], spacing)
-    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, part_colours, notes)
+    labels, solid = parts[point_leaves][nearest], guarded(made, parts[leaves])
+    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, notes)
+
+
+def _contrast(colours: Array) -> float:
+    """How far the colours (N, 3) of a small share of the surface are from the most common one."""
+    away = np.linalg.norm(colours - np.median(colours, axis=0), axis=1)
+    return float(np.quantile(away, 1 - _SHARE))
 
 
 def _median_colours(colours: Array, labels: Indices, count: int) -> Array:
@@ -135,17 +159,18 @@ def _median_colours(colours: Array, labels: Indices, count: int) -> Array:
     return np.array([np.median(own if len(own) else colours, axis=0) for own in medians])
 
 
-def _leaves(solid: Solid, clusters: Indices, tree: cKDTree) -> tuple[Indices, Indices]:
+def _leaves(solid: Solid, clusters: Indices) -> tuple[Indices, Indices]:
     """Leaf of each tetrahedron, that of its nearest point, and of each point; a leaf that has no volume joins another.
 
     Returns:
         (T,) and (N,), numbered from 0 without gaps.
     """
+    tree = cKDTree(solid.vertices)
     used, leaves = np.unique(clusters[tree.query(solid.centroids)[1]], return_inverse=True)
     number = np.full(clusters.max() + 1, -1)
     number[used] = np.arange(len(used))
     point_leaves = number[clusters]
     lost = point_leaves < 0
     if np.any(lost):
-        point_leaves[lost] = leaves[cKDTree(solid.centroids).query(tree.data[lost])[1]]
+        point_leaves[lost] = leaves[cKDTree(solid.centroids).query(solid.vertices[lost])[1]]
     return leaves, point_leaves

@@ -43,6 +43,13 @@ class Solid:
         return float(self.volumes.sum())
 
     @cached_property
+    def areas(self) -> Array:
+        """(F,) m2 of the triangles around it."""
+        corners = self.vertices[self.surface[0]]
+        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return np.asarray(np.linalg.norm(doubled, axis=1) / 2)
+
+    @cached_property
     def surface(self) -> tuple[Indices, Indices]:
         """(F, 3) vertex numbers of the triangles around it, counter-clockwise from outside, and (F,) their owners."""
         owner, corner = np.nonzero(self.neighbours < 0)

@@ -90,7 +90,7 @@ def test_a_hand_eye_transform_can_be_given_instead(tmp_path):
     ("without", "code", "word"),
     [
         ([INFO], ErrorCode.TOPIC_MISSING, "camera_info"),
-        ([DEPTH], ErrorCode.TOPIC_MISSING, "aligned depth"),
+        ([DEPTH], ErrorCode.TOPIC_MISSING, "has no depth"),
         (["robot_description"], ErrorCode.ROBOT_DESCRIPTION_MISSING, "URDF"),
         (["joint_states"], ErrorCode.TOPIC_MISSING, "joint_states"),
     ],

@@ -10,6 +10,7 @@
 from poise.inertia.model.object_shape import (
     CLOUD_ACCURACY,
     ObjectShape,
+    cloud_accuracy,
     load_object,
     parts_of_segmentation,
     parts_of_solid,
@@ -73,6 +74,7 @@ __all__ = [
     "SpikeFilter",
     "about_com_jacobian",
     "believable",
+    "cloud_accuracy",
     "frame_change",
     "load_object",
     "log_likelihood",

@@ -35,7 +35,12 @@ _LOOSE_FACES = 0.05
 """Share of faces outside of closed surfaces from which on the surface counts as open."""
 
 _MESH_ACCURACY, _UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
-"""Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; a cloud."""
+"""Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; the best of clouds."""
+
+WORST_ACCURACY = 0.15
+"""Relative error of lengths of the worst clouds."""
+_UNKNOWN_ACCURACY = 0.05
+"""The same when nothing is known of how good a cloud is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +74,16 @@ class ObjectShape:
         )
 
 
+def cloud_accuracy(volume: float, volume_std: float) -> float:
+    """Relative error of lengths in a solid from a cloud: a third of its volume's, but no less than the best have.
+
+    Args:
+        volume, volume_std: m3, and one sigma of it; 0 when that is not known.
+    """
+    known = volume > 0 and 0 < volume_std < np.inf
+    return float(np.clip(volume_std / volume / 3, CLOUD_ACCURACY, WORST_ACCURACY)) if known else _UNKNOWN_ACCURACY
+
+
 def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
     """Read a mesh (STL, OBJ, PLY) or a cloud (PLY, XYZ, CSV, NPY, PCD), in m after scaling, in the file's own frame.
 
@@ -79,13 +94,13 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
         InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
             OBJECT_INVALID (flat, or not of the size of something held); naming the file and how to fix it.
     """
-    from poise.shape import MESH_FORMATS, read_cloud
+    from poise.shape import MESH_FORMATS, read_cloud, segment
 
     mesh = _read_mesh(path, scale) if path.suffix.lower() in MESH_FORMATS else None
     try:
         if mesh is None:
             cloud = read_cloud(path, scale)
-            return _of_cloud(cloud.points, cloud.colours)
+            return _of_cloud(segment(cloud.points, cloud.colours, normals=cloud.normals, seen=cloud.seen))
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
     except (scipy.spatial.QhullError, np.linalg.LinAlgError) as error:
@@ -137,7 +152,9 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
         if sum(len(body.faces) for body in bodies if not body.is_watertight) <= _LOOSE_FACES * len(mesh.faces):
             return _of_bodies(mesh, [body for body in bodies if body.is_watertight and abs(body.volume) > 0])
     points = trimesh.sample.sample_surface(mesh, _SAMPLED, seed=0)[0]
-    shape = _of_cloud(np.asarray(points), None)
+    from poise.shape import segment
+
+    shape = _of_cloud(segment(np.asarray(points)))
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
 
@@ -201,14 +218,12 @@ def parts_of_segmentation(found: "Segmentation") -> Parts:
     return replace(parts, likeness=likeness)
 
 
-def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
-    from poise.shape import segment
-
-    found = segment(points, colours)
+def _of_cloud(found: "Segmentation") -> ObjectShape:
+    accuracy = cloud_accuracy(found.solid.volume, found.solid.volume_std)
+    words = f"{len(found.labels)} points with {1e3 * found.noise:.1f} mm of noise"
     if found.n_parts > 1:
         parts = parts_of_segmentation(found)
-        return ObjectShape(parts, CLOUD_ACCURACY, f"{len(points)} points, segmented into {len(parts)} parts")
+        return ObjectShape(parts, accuracy, f"{words}, segmented into {len(parts)} parts")
     solid = found.solid
     which = scipy.spatial.cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
-    words = f"{len(points)} points of one part, cut into {PIECES} pieces"
-    return ObjectShape(parts_of_solid(solid, which), CLOUD_ACCURACY, words)
+    return ObjectShape(parts_of_solid(solid, which), accuracy, f"{words} of one part, cut into {PIECES} pieces")

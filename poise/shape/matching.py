@@ -1,0 +1,147 @@
+"""A surface moved to where clouds drawn from it, with the noise, would lie as the observed points do.
+
+The outermost of noisy points make a carved surface, and even an average over the points of one side is biased where the
+surface is curved, or where a plate is not much thicker than the noise. These biases depend on the shape, so they are
+not corrected by a formula: points are drawn from the surface itself, with the noise, and the mean distance of the
+observed points from each place of the surface is compared with that of the drawn ones (the method of simulated moments,
+McFadden 1989). Where both agree the surface is unbiased, however it came about. The noise is found on the way, from
+the distances of the points outside: those do not depend on what is on the other side.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poise.shape.solid import Solid
+from poise.shape.surface_graph import surface_edges, unit_normals
+from poise.types import Array, Indices
+
+_ROUNDS = 8
+_NOISE_ROUNDS = 6
+"""Rounds in which the noise is still corrected."""
+_DRAWN, _OBSERVED = 6000, 8000
+"""Points drawn from the surface, and observed ones that are asked, at the most."""
+_TOGETHER, _NEIGHBOURS = 30, 24
+"""Observed points that a place averages over, and vertices that it may take them from."""
+_BAND, _SPACINGS = 3.0, 0.2
+"""Sigmas and spacings within which a point belongs to the surface; farther inside it shows something else."""
+_SMOOTH, _KEEP_SMOOTH = 3, 0.2
+"""Rounds of smoothing before, and share of smoothing in each round."""
+_NOISE_STEP = (0.5, 1.6)
+_GOOD, _THICK_GOOD, _HASTE = 0.4, 0.55, 1.5
+"""Quantiles over the places, for noise much below the spacing and as large: where the surface does not fit, points are
+farther away than the noise. Points beyond the band are not counted, so the ratio says too little, hence the power."""
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """A surface that explains its points.
+
+    Args:
+        solid: with its vertices moved.
+        noise: m, one sigma of the points.
+        statistical: m, one sigma of the mean place of the whole surface, from the number of points.
+    """
+
+    solid: Solid
+    noise: float
+    statistical: float
+
+
+def matched(
+    solid: Solid, points: Array, noise: float, spacing: float, rng: np.random.Generator, known: bool = False
+) -> Matched:
+    """Move the surface of a solid.
+
+    Args:
+        solid: with about the right surface.
+        points: (N, 3) m, observed.
+        noise: m, one sigma along each axis, a first guess.
+        spacing: m between vertices.
+        rng: draws the points.
+        known: the noise is given, and stays.
+    """
+    observed = points if len(points) <= _OBSERVED else points[rng.permutation(len(points))[:_OBSERVED]]
+    triangles, _ = solid.surface
+    used = np.unique(triangles)
+    share = min(1.0, noise / (0.3 * spacing))
+    places = solid.vertices
+    smoother = _Smoother(solid)
+    for _ in range(_SMOOTH):
+        places = smoother(places, 0.5 * share)
+    corners = places[triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    which = rng.choice(len(triangles), _DRAWN, p=areas / areas.sum())
+    within, errors = rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3))
+    for number in range(_ROUNDS):
+        normals = unit_normals(replace(solid, vertices=places))[0][used]
+        here = places[used]
+        tree = cKDTree(here)
+        drawn = np.einsum("mk,mki->mi", within, places[triangles[which]]) + noise * errors
+        band = _BAND * noise + _SPACINGS * spacing
+        seen, made = (_distances(tree, here, normals, cloud, band) for cloud in (observed, drawn))
+        around = _Neighbourhoods(tree, here, normals, seen[0])
+        if not known and number < _NOISE_ROUNDS:
+            noise *= float(np.clip(_noise_ratio(around, seen, made, noise / spacing), *_NOISE_STEP))
+        shift = around.means(*seen) - around.means(*made)
+        places = places.copy()
+        places[used] += shift[:, None] * normals
+        if number < _ROUNDS - 1:
+            places = smoother(places, _KEEP_SMOOTH * share)
+    return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)))
+
+
+class _Smoother:
+    """Moves the vertices of a surface towards the middle of their neighbours."""
+
+    def __init__(self, solid: Solid) -> None:
+        edges = surface_edges(solid)
+        self._edges = np.concatenate([edges, edges[:, ::-1]])
+        self._degree = np.bincount(self._edges[:, 0], minlength=len(solid.vertices))
+
+    def __call__(self, places: Array, share: float) -> Array:
+        start, end = self._edges.T
+        sums = np.stack([np.bincount(start, places[end, axis], len(places)) for axis in range(3)], axis=1)
+        middles = sums / np.maximum(self._degree, 1)[:, None]
+        return np.where(self._degree[:, None] > 0, places + share * (middles - places), places)
+
+
+def _distances(tree: cKDTree, here: Array, normals: Array, cloud: Array, band: float) -> tuple[Indices, Array]:
+    """Of the points near the surface: the nearest place of each, and m outwards from it."""
+    nearest = tree.query(cloud)[1]
+    out = np.einsum("ij,ij->i", cloud - here[nearest], normals[nearest])
+    near = np.abs(out) < band
+    return nearest[near], out[near]
+
+
+class _Neighbourhoods:
+    """Averages over the points of the same side around each place: the nearest that are enough together."""
+
+    def __init__(self, tree: cKDTree, here: Array, normals: Array, observed: Indices) -> None:
+        self._count = len(here)
+        self._near = tree.query(here, k=min(_NEIGHBOURS, self._count))[1]
+        alike = np.maximum(np.einsum("uki,ui->uk", normals[self._near], normals), 0) ** 2
+        own = alike * np.bincount(observed, minlength=self._count)[self._near]
+        self._weights = alike * (np.cumsum(own, axis=1) - own < _TOGETHER)
+
+    def means(self, place: Indices, values: Array) -> Array:
+        """(U,) of values (P,) at the nearest places (P,); 0 where there are none."""
+        sums, numbers = np.bincount(place, values, self._count), np.bincount(place, minlength=self._count)
+        total = (self._weights * numbers[self._near]).sum(axis=1)
+        return np.asarray((self._weights * sums[self._near]).sum(axis=1) / np.maximum(total, 1e-9))
+
+
+def _noise_ratio(
+    around: _Neighbourhoods, seen: tuple[Indices, Array], made: tuple[Indices, Array], thickness: float
+) -> float:
+    """How much farther out the observed points lie than the drawn ones, of those outside, where the fit is good."""
+    distances = []
+    for place, out in (seen, made):
+        outside = out > 0
+        distances.append(around.means(place[outside], out[outside]))
+    known = (distances[0] > 0) & (distances[1] > 0)
+    if not np.any(known):
+        return 1.0
+    good = _GOOD + (_THICK_GOOD - _GOOD) * min(thickness, 1.0)
+    return float(np.quantile(distances[0][known] / distances[1][known], good) ** _HASTE)

@@ -1,0 +1,192 @@
+"""From a noisy cloud to a closed solid: carved, smoothed by its own points, and matched to them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poise.shape.carving import carve, spacing_of
+from poise.shape.matching import matched
+from poise.shape.solid import Solid, tetrahedron_moments
+from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
+from poise.shape.surface_graph import unit_normals
+from poise.shape.thinning import thin
+from poise.types import Array, Indices, Mask
+
+_CLOUD = 12_000
+"""Points that are fitted, at the most."""
+_THICK = 0.15
+"""Noise over spacing from which on a cloud is a layer: points are picked at random, and averaged."""
+_REACH = 2.5
+"""Sigmas that a local fit reaches."""
+_FEWEST, _MOST = 10, 80
+_ROUNDS = 2
+_SEEN_POCKETS = 0.4
+"""Noise over spacing up to which pockets are looked for before the points are averaged."""
+_DEEP, _BURIED = 1.0, 2.5
+"""Spacings and sigmas under the surface from which on a point is no noise but the wall of a pocket."""
+_LEAST_NOISE = 0.02
+"""Of the spacing: what a cloud without noise is taken to have."""
+_AGREE = 0.9
+"""Share of the points whose given normals point out of the solid, from which on they are used."""
+HIDDEN_OFF = 2e-3
+"""m that surface is off which a scan completed: 1.0 to 2.7 on the tools of benchmarks/scanning.py."""
+_FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.21, 0.01, 1.3
+"""Of `_spread`: fitted so that one in twenty development clouds of benchmarks/solids.py is more than 2 sigma off."""
+_LEAST_KEPT = 0.03
+"""Share of its volume and second moments that every part keeps, or its vertices move less."""
+_HALVINGS = 6
+_FLAT = 1e14
+"""Condition of a pseudo-inertia above which it is singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A solid, and its draft.
+
+    Args:
+        solid: whose surface explains the points; tetrahedra may be inside out.
+        carved: the same tetrahedra before the last motion of their vertices, none inside out.
+        rows: (V,) the point of the cloud that each vertex was.
+        noise: m, one sigma of the points along each axis.
+        spacing: m between vertices.
+    """
+
+    solid: Solid
+    carved: Solid
+    rows: Indices
+    noise: float
+    spacing: float
+
+
+def reconstruct(
+    points: Array,
+    wanted: int,
+    noise: float | None = None,
+    normals: Array | None = None,
+    seen: Mask | None = None,
+) -> Reconstruction:
+    """The solid whose surface the points show.
+
+    Args:
+        points: (N, 3) m, on the whole surface.
+        wanted: vertices, about, when there are more points.
+        noise: m, one sigma of the points along each axis; None: estimated.
+        normals: (N, 3) outward unit normals, where they were measured; they are not used when many point inwards.
+        seen: (N,) False where a scan completed the surface.
+
+    Raises:
+        InputError: as `carve`.
+    """
+    rng = np.random.default_rng(0)
+    rows = thin(points, wanted)
+    draft = _drafted(points, rows, noise, normals, rng)
+    if draft.noise > _THICK * draft.spacing and len(points) > wanted:
+        draft = _drafted(points, np.sort(rng.permutation(len(points))[:wanted]), noise, normals, rng)
+    draft = _averaged(draft, points, rng)
+    guess = max(draft.noise, _LEAST_NOISE * draft.spacing)
+    found = matched(draft.carved, points, guess, draft.spacing, rng, noise is not None)
+    spread = _spread(found.solid, draft, found.noise, None if seen is None else seen[draft.rows])
+    solid = replace(found.solid, volume_std=spread)
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class _Draft:
+    """A first solid: its points, which way they face, what is known of the noise."""
+
+    carved: Solid
+    rows: Indices
+    normals: Array
+    noise: float
+    spacing: float
+
+
+def _drafted(
+    points: Array, rows: Indices, noise: float | None, given: Array | None, rng: np.random.Generator
+) -> _Draft:
+    vertices = points[rows]
+    spacing = spacing_of(vertices)
+    carved = carve(vertices, spacing)
+    normals = side_normals(carved, 2 * spacing)
+    measured = None if given is None else _trusted(given[rows], carved)
+    guess = local_noise(vertices, normals, rng) if noise is None else noise
+    if guess < _SEEN_POCKETS * spacing:
+        carved = carve(vertices, spacing, _DEEP * spacing + _BURIED * guess, measured)
+        normals = side_normals(carved, 2 * spacing)
+    return _Draft(carved, rows, normals if measured is None else measured, guess, spacing)
+
+
+def _trusted(normals: Array, carved: Solid) -> Array | None:
+    """Normals that a file gives, if they are those of the surface, and outward."""
+    shown, on_surface = unit_normals(carved)
+    agree = np.einsum("ij,ij->i", normals[on_surface], shown[on_surface]) > 0
+    return normals if np.mean(agree) > _AGREE else None
+
+
+def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
+    """The draft with its vertices on smooth surfaces through all points near them, if there are enough."""
+    density = min(len(points), _CLOUD) / len(draft.rows)
+    count = np.pi * (_REACH * draft.noise / draft.spacing) ** 2 * density
+    if count < _FEWEST / 2 or draft.noise < _THICK * draft.spacing:
+        return draft
+    vertices = draft.carved.vertices
+    cloud = points if len(points) <= _CLOUD else points[rng.permutation(len(points))[:_CLOUD]]
+    sides = draft.normals[cKDTree(vertices).query(cloud)[1]]
+    asked = int(np.clip(count, _FEWEST, _MOST))
+    for _ in range(_ROUNDS):
+        heights = fitted_heights((cloud, sides), (vertices, draft.normals), asked)[0]
+        vertices = vertices + heights[:, None] * draft.normals
+    spacing = spacing_of(vertices)
+    carved = carve(vertices, spacing, _DEEP * spacing + _BURIED * draft.noise / np.sqrt(asked))
+    return replace(draft, carved=carved, spacing=spacing)
+
+
+def _spread(solid: Solid, draft: _Draft, noise: float, seen: Mask | None) -> float:
+    """m3, one sigma of the volume: what random clouds of known shapes with noise of five families were off.
+
+    The error grows with the square of noise and of spacing over the thickness, and with the share of the volume that
+    balls of other radii would carve otherwise. What a scan completed is off by `HIDDEN_OFF`.
+    """
+    volume, area = max(solid.volume, _LEAST_KEPT * draft.carved.volume), float(solid.areas.sum())
+    thickness = volume / area
+    shares = [
+        _FLOOR,
+        _BY_NOISE * (noise / thickness) ** 2,
+        _BY_SPACING * (draft.spacing / thickness) ** 2,
+        _BY_BALL * draft.carved.volume_std / draft.carved.volume,
+    ]
+    hidden = 0.0
+    if seen is not None:
+        unseen = np.count_nonzero(~seen[solid.surface[0]], axis=1) > 1
+        hidden = HIDDEN_OFF * float(solid.areas[unseen].sum())
+    return float(np.hypot(volume * np.linalg.norm(shares), hidden))
+
+
+def guarded(made: Reconstruction, labels: Indices) -> Solid:
+    """The solid, in which the motion of vertices is halved, if need be, until no part has been turned inside out.
+
+    Args:
+        made: as reconstructed.
+        labels: (T,) part of each tetrahedron, 0..P-1.
+    """
+    moves = made.solid.vertices - made.carved.vertices
+    before = _moments(made.carved, labels)
+    thick = np.linalg.cond(before) < _FLAT  # a part of flat tetrahedra has no volume to keep
+    kept = np.ones(len(before))
+    for _ in range(_HALVINGS):
+        found = replace(made.solid, vertices=made.carved.vertices + moves)
+        change = np.linalg.solve(before[thick], _moments(found, labels)[thick])
+        kept[thick] = np.linalg.eigvals(change).real.min(axis=1)
+        spoilt = ~(kept > _LEAST_KEPT)
+        if not spoilt.any():
+            return found
+        moves[made.carved.tetrahedra[spoilt[labels]]] /= 2
+    return replace(made.carved, volume_std=made.solid.volume_std)
+
+
+def _moments(solid: Solid, labels: Indices) -> Array:
+    """(P, 4, 4) pseudo-inertia of each part at unit density."""
+    moments = np.zeros((int(labels.max()) + 1, 4, 4))
+    np.add.at(moments, labels, tetrahedron_moments(solid.vertices[solid.tetrahedra]))
+    return moments

@@ -1,0 +1,110 @@
+"""Solids from noisy clouds, against shapes of known volume, and with noise that breaks the assumptions."""
+
+import numpy as np
+import pytest
+import shape_samples as samples
+
+from benchmarks.closed_shapes import FAMILIES, ClosedShape, pieces, turned
+from benchmarks.random_objects import make_composite
+from poise.inertia.model.object_shape import parts_of_segmentation
+from poise.inertia.model.parameters import pseudo_inertia
+from poise.shape.carving import carve, spacing_of
+from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, guarded, reconstruct
+from poise.shape.segmentation import segment
+
+COUNT, WANTED = 2000, 2500
+CASES = [pieces(900), pieces(902), turned(900), turned(902), turned(905)]
+
+
+def cloud(shape: ClosedShape, noise: float, family: str = "white", count: int = COUNT) -> np.ndarray:
+    return shape.cloud(np.random.default_rng([count, *shape.name.encode()]), count, family, noise)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 2e-3])
+def test_noise_does_not_thicken(noise: float) -> None:
+    """The volumes are right in the middle, and the stated uncertainty covers each; carving alone adds a third."""
+    off, covered, carved = [], [], []
+    for shape in CASES:
+        points = cloud(shape, noise)
+        made = reconstruct(points, WANTED)
+        off.append(abs(made.solid.volume / shape.volume - 1))
+        covered.append(abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std)
+        carved.append(carve(points).volume / shape.volume - 1)
+    assert np.median(off) < (0.02 if noise < 1.5e-3 else 0.06)
+    assert all(covered)
+    assert noise == 0 or np.median(off) < 0.3 * np.median(carved)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_other_noise_is_covered(family: str) -> None:
+    """A cup of 5 mm of wall, on a grid of 4 mm, may be off by a quarter; then that is what its uncertainty says."""
+    for shape, off in ((CASES[0], 0.1), (CASES[4], 0.4)):
+        made = reconstruct(cloud(shape, 1.5e-3, family), WANTED)
+        assert abs(made.solid.volume / shape.volume - 1) < off
+        assert abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std
+
+
+def test_the_noise_is_found() -> None:
+    for noise in (5e-4, 1e-3, 2e-3):
+        assert reconstruct(cloud(CASES[2], noise), WANTED).noise == pytest.approx(noise, rel=0.25)
+    assert reconstruct(cloud(CASES[2], 0.0), WANTED).noise < 2e-4
+
+
+def test_a_dense_cloud_is_averaged() -> None:
+    shape = CASES[4]
+    made = reconstruct(cloud(shape, 2e-3, count=20_000), WANTED)
+    assert made.solid.volume == pytest.approx(shape.volume, rel=0.05)
+    assert len(made.rows) <= WANTED
+
+
+def test_noise_that_is_known_stays() -> None:
+    made = reconstruct(cloud(CASES[0], 1e-3), WANTED, noise=1e-3)
+    assert made.noise == 1e-3
+    assert made.solid.volume == pytest.approx(CASES[0].volume, rel=0.06)
+
+
+def test_two_handles_stay_apart() -> None:
+    """Pliers: a ball that no hole of the sampling lets in does not fit between them, but the facing sides are seen."""
+    legs = pieces(4)
+    points = cloud(legs, 0.0)
+    ball = carve(points)
+    assert ball.volume > 1.08 * legs.volume
+    assert reconstruct(points, WANTED).solid.volume == pytest.approx(legs.volume, rel=0.03)
+
+
+def test_what_was_completed_is_less_certain() -> None:
+    rng = np.random.default_rng(1)
+    points = samples.box(rng, (0.1, 0.06, 0.04), COUNT)
+    seen = points[:, 2] > points[:, 2].min() + 1e-6
+    sure, unsure = (reconstruct(points, WANTED, seen=mask).solid.volume_std for mask in (None, seen))
+    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(HIDDEN_OFF * 0.1 * 0.06, rel=0.1)
+
+
+def test_normals_that_point_anywhere_are_not_used() -> None:
+    rng = np.random.default_rng(1)
+    points = samples.box(rng, (0.1, 0.06, 0.04), COUNT)
+    wrong = rng.normal(size=points.shape)
+    wrong /= np.linalg.norm(wrong, axis=1)[:, None]
+    given, without = (reconstruct(points, WANTED, normals=normals).solid.volume for normals in (wrong, None))
+    assert given == without
+
+
+def test_the_same_cloud_gives_the_same_solid() -> None:
+    points = cloud(CASES[0], 1e-3)
+    assert np.array_equal(reconstruct(points, WANTED).solid.vertices, reconstruct(points, WANTED).solid.vertices)
+
+
+@pytest.mark.parametrize("seed", range(400, 406))
+def test_every_part_of_a_random_object_is_a_possible_body(seed: int) -> None:
+    made = make_composite(seed, 1e-3)
+    parts = parts_of_segmentation(segment(made.points, made.colours))
+    assert all(np.linalg.eigvalsh(pseudo_inertia(phi)).min() > 0 for phi in parts.unit_phi.T)
+
+
+def test_a_part_without_volume_does_not_end_the_segmentation() -> None:
+    points = samples.box(np.random.default_rng(1), (0.1, 0.08, 0.06), 400)
+    carved = carve(points, spacing_of(points))
+    labels = np.zeros(len(carved.tetrahedra), dtype=np.int64)
+    labels[0] = 2  # part 1 has no tetrahedron at all
+    made = Reconstruction(carved, carved, np.arange(400), 0.0, spacing_of(points))
+    assert guarded(made, labels).volume == pytest.approx(carved.volume)
