@@ -262,7 +262,7 @@ class ProcessWatchdog:
             shared = [its.fileno(), self._may_stop.descriptor]
             with its:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "poise.nodes.watchdog_process", *map(str, shared)],
+                    [sys.executable, "-P", "-m", "poise.nodes.watchdog_process", *map(str, shared)],
                     pass_fds=shared,
                     stdin=subprocess.DEVNULL,
                     start_new_session=True,  # it ends after its node, not with it by Ctrl-C

@@ -24,7 +24,7 @@ COMMANDS = {
     "excite": ("excite", "Plan a slow joint motion that reveals the inertial parameters of the payload."),
     "scan": ("scan", "Reconstruct an object on a table from a camera sweep and segment it into parts."),
     "calibrate": ("calibrate", "Estimate where a camera sits on the hand, and the zero offsets of the joints."),
-    "segment": ("segment", "Segment a surface point cloud into parts and compute their volumes."),
+    "segment": ("segment", "Segment a surface point cloud or a closed mesh into parts and compute their volumes."),
     "scene": ("scene", "Convert a world of Gazebo, MuJoCo, URDF or MoveIt into a scene file, or a scene into one."),
     "robustness": ("assembly", "Compute the force that each object of a scene withstands before something moves."),
     "msa": ("assembly", "Compute the maximum safe acceleration of a base in each direction."),

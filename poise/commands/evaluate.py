@@ -33,7 +33,7 @@ from poise.evaluation import (
 from poise.evaluation import run as run_tasks
 
 CONTEXT_SETTINGS = {"ignore_unknown_options": True}
-_WORKER = ("-m", "poise.commands.evaluate_worker")
+_WORKER = ("-P", "-m", "poise.commands.evaluate_worker")
 _DEFAULT = "identify"
 _NAME = "{name}"
 _WRITING = frozenset(

@@ -86,7 +86,7 @@ class MeshWorker:
         above = str(Path(poise.__file__).resolve().parents[1])
         paths = os.pathsep.join([above, *filter(None, [os.environ.get("PYTHONPATH", "")])])
         environment = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, "-m", "poise.shape.mesh_worker", str(self._memory)]
+        command = [sys.executable, "-P", "-m", "poise.shape.mesh_worker", str(self._memory)]
         pipe = subprocess.PIPE
         return subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment)
 
