@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_ROS = {"coal", "mujoco", "numpy", "pinocchio", "poise", "pymodbus", "rosbags", "scipy", "serial", "yaml"}
+NOT_ROS = {"PIL", "coal", "mujoco", "numpy", "pinocchio", "poise", "pymodbus", "rosbags", "scipy", "serial", "yaml"}
 
 
 def imported(file: Path) -> set[str]:

@@ -65,7 +65,7 @@ def caller(graph):
 def test_a_replayed_sweep_becomes_an_object_with_parts(start_node, graph, caller) -> None:
     objects = graph.collect("segmented_object", SegmentedObject, LATCHED)
     transforms = graph.collect("tf_static", TFMessage, LATCHED)
-    start_node("object_scanner", {"patience": 20.0})
+    start_node("object_scanner", {"patience": 20.0, "independent_parts": True})
     start_node("fake_robot", REPLAY)
     done = caller.result(caller.send(id="hammer", max_frames=40))
     assert done.result.error.message == ""
