@@ -28,6 +28,8 @@ BAND = 0.004
 SLANT = 0.35
 """Cosine between normal and ray below which a measurement says little about the surface's place."""
 _NEIGHBOURS = 14
+_COMPANY, _APART = 3, 5.0
+"""Neighbours that a point has, and the spacings within which it has them."""
 _FEWEST_VIEWS = ((12, 3), (6, 2), (0, 1))
 """From so many views on, how many have to see a point alike: a turntable's few see each side but once or twice."""
 _JUDGES = 2
@@ -234,12 +236,16 @@ def normals_of(points: Array, toward: Array) -> Array:
 
 
 def _merged(surface: Surface) -> Surface:
-    """Without points that came to lie on others: of each close pair the lighter one goes."""
+    """Without points that came to lie on others: of each close pair the lighter one goes. Single points go, too.
+
+    These are noise of the table that is as high as the lowest that counts as an object.
+    """
     tree = cKDTree(surface.points)
-    spacing = float(np.median(tree.query(surface.points, k=2)[0][:, 1]))
+    near = tree.query(surface.points, k=_COMPANY + 1)[0]
+    spacing = float(np.median(near[:, 1]))
     pairs = tree.query_pairs(0.7 * spacing, output_type="ndarray")
     lighter = np.where(surface.weights[pairs[:, 0]] < surface.weights[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
-    kept = np.ones(len(surface.points), bool)
+    kept = near[:, -1] < _APART * spacing
     kept[lighter] = False
     return surface.select(kept)
 

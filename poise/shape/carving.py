@@ -6,6 +6,8 @@ reaches is the object (the sculpture of Boissonnat 1984, with the ball of Edelsb
 No normals are needed, the answer is always closed, and plates thinner than the spacing of their points stay whole.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
@@ -20,9 +22,12 @@ _BALL = 2.4
 _SPREAD = (2.1, 3.0)
 """Radii, in spacings, between which the volume is taken as uncertain."""
 _NEIGHBOURS = 6
-_LEAK = 0.6
-"""A ball that finds less than this share of the volume which a larger ball leaves has found a hole in the sampling."""
+_LEAK, _OPENING = 0.4, 0.6
+"""A ball that finds less of the volume which a larger ball leaves has found a hole in the sampling; or else an opening,
+such as that of a cup, but which of both it is remains in doubt."""
 _LEAK_BALLS = (2.8, 3.2, 4.0)
+_DOUBT, _POCKET_DOUBT = 0.4, 0.5
+"""Shares of the volume behind an opening, and in pockets, that are counted as one sigma."""
 _COST = 0.1
 """What the normals have to say for a gap in each tetrahedron of a pocket, at the least, as a cosine."""
 _POCKET = 1.2
@@ -87,11 +92,26 @@ def carve(
     kept = np.flatnonzero(inside & (volumes > 0))
     if not len(kept):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    low, middle, high = (volume(ball / _BALL * limit) for limit in (_SPREAD[0], _BALL, _SPREAD[1]))
-    low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
     number = np.full(len(tetrahedra) + 1, -1)
     number[kept] = np.arange(len(kept))
-    return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=(high - low) / 2)
+    return Solid(
+        points, tetrahedra[kept], number[neighbours[kept]], volume_std=_doubt(volume, ball, float(volumes[kept].sum()))
+    )
+
+
+def _doubt(volume: Callable[[float], float], ball: float, kept: float) -> float:
+    """m3, one sigma of the carved volume: other balls, an opening that may be a hole in the sampling, pockets.
+
+    Args:
+        volume: m3 that a ball of some radius, in spacings, leaves.
+        ball: the one that was taken.
+        kept: m3 that remain without the pockets.
+    """
+    low, middle, high = (volume(ball / _BALL * limit) for limit in (_SPREAD[0], _BALL, _SPREAD[1]))
+    low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
+    small, large = volume(_BALL), volume(_LEAK_BALLS[-1])
+    behind = large - small if small < _OPENING * large else 0.0
+    return float(np.linalg.norm([(high - low) / 2, _DOUBT * behind, _POCKET_DOUBT * (volume(ball) - kept)]))
 
 
 def _pockets(

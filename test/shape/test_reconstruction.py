@@ -57,6 +57,15 @@ def test_a_dense_cloud_is_averaged() -> None:
     assert len(made.rows) <= WANTED
 
 
+@pytest.mark.parametrize("seed", [905, 913, 921, 929])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_few_points_of_a_cup_are_not_sure_of_its_opening(seed: int, noise: float) -> None:
+    """500 points are 8 mm apart, and the walls 3 to 6 mm thick: some cups are filled, to three times the volume."""
+    shape = turned(seed)
+    made = reconstruct(cloud(shape, noise, count=500), WANTED)
+    assert abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std
+
+
 def test_noise_that_is_known_stays() -> None:
     made = reconstruct(cloud(CASES[0], 1e-3), WANTED, noise=1e-3)
     assert made.noise == 1e-3
