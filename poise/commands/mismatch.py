@@ -29,6 +29,7 @@ from poise.commands.mismatch_export import (
     read_model_exports,
     with_payload_link,
 )
+from poise.commands.mismatch_scene import answer_scene
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -100,6 +101,28 @@ AgainstOption = Annotated[
         show_default=False,
     ),
 ]
+SceneOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--scene",
+        metavar="SCENE",
+        help="Scene file of objects on a base that moves; tf has their poses. Says why they slipped or tipped.",
+        show_default=False,
+    ),
+]
+CarrierOption = Annotated[
+    str,
+    typer.Option(
+        "--carrier",
+        metavar="FRAME",
+        help="With --scene: frame of the base (default: a fixed object of the scene).",
+        show_default=False,
+    ),
+]
+CarriedPictureOption = Annotated[
+    Path | None,
+    typer.Option("--picture", metavar="PNG", help="With --scene: draw load and motion over time.", show_default=False),
+]
 AgainstJointsOption = Annotated[
     str | None,
     typer.Option(
@@ -119,6 +142,9 @@ def mismatch(
     separate: SeparateOption = None,
     against: AgainstOption = None,
     joints: AgainstJointsOption = None,
+    scene: SceneOption = None,
+    carrier: CarrierOption = "",
+    picture: CarriedPictureOption = None,
     export: ExportModelOption = None,
     into: IntoOption = None,
     payload_link: PayloadLinkOption = None,
@@ -130,11 +156,19 @@ def mismatch(
     The recordings need joint_states, robot_description, and the wrench, joint efforts, or both (or the wrench and tf up
     to the sensor); odom and joint commands are used if present. The effects of a library compete by evidence; small
     calibration errors are always fitted. When no effect fits, the answer is `unknown`, with the state that the residual
-    depends on. With --against, the recording of a simulator takes the place of the simulation.
+    depends on. With --against, the recording of a simulator takes the place of the simulation. With --scene, the
+    recording shows objects on a base that moves.
 
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
     refuse_folder(json_target, "--json")
+    if scene is not None:
+        others = (model, report, save, separate, against, joints, export, into, payload_link)
+        if len(bags) > 1 or any(other is not None for other in others):
+            sentence = "--scene takes one recording, and no options but --carrier, --picture and --json"
+            raise InputError(ErrorCode.BAD_INPUT, sentence)
+        answer_scene(bags[0], scene, carrier, picture, json_target)
+        return
     exports = read_model_exports(export, into)
     nominal = NominalModel() if model is None else with_payload_link(load_model(model), payload_link)
     asked = _Asked(bags, report, save, separate, exports, payload_link, deadline, json_target)

@@ -9,6 +9,7 @@ Rooms, from the ground up; arrows between them run upwards only:
 - `answer`: the diagnosis, live windows, and the motion that discriminates between two explanations.
 - `comparing`: what changed between two recordings.
 - `application`: simulation and compensation with the identified effects.
+- `carried`: a scene on a base that moves, held against the assembly engine.
 """
 
 from poise.mismatch.answer import Diagnosis, diagnose

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel
     from poise.viewing.assembly_recording import write_assembly_recording
     from poise.viewing.canvas import write_picture
+    from poise.viewing.carried_figures import carried_panels
     from poise.viewing.carrying_figures import transfer_panel
     from poise.viewing.evaluation_report import write_evaluation_report
     from poise.viewing.excitation_figures import excitation_panels
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOOP_COLUMNS",
+    "carried_panels",
     "draw_parts",
     "excitation_panels",
     "graph_panel",
@@ -56,6 +58,7 @@ __all__ = [
 
 _FILES = {
     "LOOP_COLUMNS": "loop_report",
+    "carried_panels": "carried_figures",
     "draw_parts": "parts_picture",
     "excitation_panels": "excitation_figures",
     "loop_rows": "loop_report",

@@ -1,0 +1,259 @@
+"""Why a scene on a base moved, or did not, against the prediction of the assembly engine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from poise.assembly import Analysis, Assembly
+from poise.errors import InputError
+from poise.geometry import Pose
+from poise.mismatch.carried.causes import (
+    DECLARED_WITHIN,
+    Candidate,
+    SceneCause,
+    by_chance,
+    families,
+    moved_to,
+    probability,
+)
+from poise.mismatch.carried.events import CarriedMotion, motions
+from poise.mismatch.carried.prediction import Loading, loading, mode_at
+from poise.mismatch.carried.recorded import CarriedRecording, ObjectTrack
+from poise.types import Array, Progress
+
+_DECLARED, _PUSH = 0.5, 0.05
+"""Prior probabilities that the scene is as declared, and of a push."""
+_NAMED, _RIVAL = 0.5, 0.1
+"""Probability from which on a cause is named, and from which on another one is its rival."""
+_ELSEWHERE, _TURNED = 0.01, np.deg2rad(3.0)
+"""m and rad that an object may be off its place."""
+_FIRST = 0.4
+
+
+@dataclass(frozen=True)
+class CarriedEffect:
+    """A cause.
+
+    Args:
+        name: friction, com_height, tray_tilt, liquid, push, or object_pose.
+        objects: that it is about.
+        belief: its probability.
+        parameter, value, deviation, unit: what it changes, to which value; NaN without one.
+        bound: "" for an estimate; "at least" or "at most" where the recording shows no more.
+        indistinguishable: other causes that explain as much.
+        sentence: in words.
+    """
+
+    name: str
+    objects: tuple[str, ...]
+    belief: float
+    parameter: str = ""
+    value: float = float("nan")
+    deviation: float = float("nan")
+    unit: str = ""
+    bound: str = ""
+    indistinguishable: tuple[str, ...] = ()
+    sentence: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedAnswer:
+    """What a recording of a carried scene shows.
+
+    Args:
+        verdict: none, named, mixed or unknown.
+        effects: the causes, the likeliest first.
+        seen: what moved.
+        predicted: what the scene as declared predicts; None: nothing moves.
+        most: largest load of the scene as declared: the acceleration over its limit.
+        declared: probability that the scene is as declared.
+        loading, seconds, acceleration: of the scene as declared, (T,), (T,) s, (T, 3) m/s2.
+        notes: what to read it with.
+    """
+
+    verdict: str
+    effects: tuple[CarriedEffect, ...]
+    seen: tuple[CarriedMotion, ...]
+    predicted: CarriedMotion | None
+    most: float
+    declared: float
+    loading: Loading
+    seconds: Array
+    acceleration: Array
+    notes: tuple[str, ...] = field(default=())
+
+
+def examine_carried(
+    recording: CarriedRecording, scene: Assembly, progress: Progress = lambda share: None
+) -> CarriedAnswer:
+    """Hold a recording against the scene, and name what the scene has wrong.
+
+    Args:
+        recording: as read.
+        scene: as declared.
+        progress: of the search.
+
+    Raises:
+        InputError: as `Analysis.of`, for the scene as declared.
+    """
+    Analysis.of(scene)  # a scene that is invalid by itself is refused
+    displaced, there, notes = _placed(recording, scene)
+    seen = motions(recording.objects, there)
+    first = seen[0] if seen else None
+    times, felt = recording.seconds, recording.acceleration
+    nominal = loading(there, felt)
+    predicted = _predicted(there, nominal, recording)
+    declared, ranked = _beliefs(recording, there, first, predicted, progress)
+    found = _effects(ranked, first)
+    if recording.missing:
+        notes.append(f"tf has no pose of {', '.join(recording.missing)}: whether they moved is not known")
+    verdict = _verdict(declared, found, bool(displaced))
+    effects = (*displaced, *(found if verdict in ("named", "mixed") and declared < _NAMED else ()))
+    return CarriedAnswer(
+        verdict, effects, seen, predicted, float(nominal.most[-1]), declared, nominal, times, felt, tuple(notes)
+    )
+
+
+def _verdict(declared: float, found: Sequence[CarriedEffect], displaced: bool) -> str:
+    if declared >= _NAMED:
+        return "named" if displaced else "none"
+    if found and found[0].belief >= _NAMED:
+        return "named"
+    return "mixed" if found and found[0].belief >= _RIVAL else "unknown"
+
+
+def _placed(recording: CarriedRecording, scene: Assembly) -> tuple[list[CarriedEffect], Assembly, list[str]]:
+    """Objects that are elsewhere, and the scene with them there, if they stand there."""
+    effects, poses, notes = list[CarriedEffect](), dict[str, Pose](), list[str]()
+    for name, track in recording.objects.items():
+        item = scene.objects[scene.place_of(name)]
+        pose = _at_first(track)
+        shift = pose.translation - item.pose.translation
+        turn = item.pose.rotation.T @ pose.rotation
+        angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+        off = float(np.linalg.norm(shift))
+        if off > max(_ELSEWHERE, 4 * track.noise[0]) or angle > max(_TURNED, 4 * track.noise[1]):
+            words = f"{name} stands {1e3 * off:.0f} mm and {np.rad2deg(angle):.0f} deg from where the scene has it"
+            effects.append(
+                CarriedEffect("object_pose", (name,), 0.99, "shift", off, track.noise[0], "m", sentence=words)
+            )
+            level = item.pose.translation + shift * [1, 1, 0]
+            poses[name] = Pose(pose.rotation if angle > _TURNED else item.pose.rotation, level)
+    if not poses:
+        return effects, scene, notes
+    moved = moved_to(scene, poses)
+    try:
+        Analysis.of(moved)
+    except InputError as error:
+        notes.append(f"objects do not fit together where tf has them ({error.message}): the scene's poses are used")
+        return effects, scene, notes
+    return effects, moved, notes
+
+
+def _at_first(track: ObjectTrack) -> Pose:
+    first = max(int(np.searchsorted(track.seconds, track.seconds[0] + _FIRST)), 1)
+    left, _, right = np.linalg.svd(track.rotation[:first].sum(axis=0))
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    return Pose(turn, np.median(track.translation[:first], axis=0))
+
+
+def _predicted(scene: Assembly, nominal: Loading, recording: CarriedRecording) -> CarriedMotion | None:
+    at = nominal.crossing()
+    if at is None:
+        return None
+    mode, movers = mode_at(scene, recording.acceleration[at])
+    name = next(iter(movers), next(item.id for item in scene.objects if not item.fixed))
+    return CarriedMotion(name, mode, float(recording.seconds[at]), 0.0, float("nan"), float("nan"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A cause with its probability, its values (V,), and their weights (V,)."""
+
+    cause: SceneCause
+    belief: float
+    values: Array
+    weights: Array
+
+
+def _beliefs(
+    recording: CarriedRecording,
+    scene: Assembly,
+    first: CarriedMotion | None,
+    predicted: CarriedMotion | None,
+    progress: Progress,
+) -> tuple[float, list[_Tried]]:
+    """The probability of the scene as declared, and those of the causes, the likeliest first."""
+    times, felt, noise = recording.seconds, recording.acceleration, recording.noise
+    none = np.zeros(0)
+    declared = _DECLARED * probability(Candidate(0.0, 1.0, scene, felt, DECLARED_WITHIN), first, times, noise)
+    rows = list[_Tried]()
+    if first is not None:
+        pushed = SceneCause("push", (first.object,), "", "", _PUSH, lambda: iter(()))
+        rows.append(_Tried(pushed, _PUSH * by_chance(loading(scene, felt), first, times, noise), none, none))
+    subject = first or predicted
+    if subject is not None:
+        way = felt[min(int(np.searchsorted(times, subject.time)), len(felt) - 1)]
+        every = families(scene, felt, subject.object, way)
+        for number, cause in enumerate(every):
+            tried = list(cause.candidates())
+            chances = np.array([one.weight * probability(one, first, times, noise) for one in tried])
+            values = np.array([one.value for one in tried])
+            rows.append(_Tried(cause, cause.prior * float(chances.sum()), values, chances))
+            progress((number + 1) / len(every))
+    total = (declared + sum(row.belief for row in rows)) or 1.0
+    ranked = sorted((replace(row, belief=row.belief / total) for row in rows), key=lambda row: -row.belief)
+    return declared / total, ranked
+
+
+def _effects(ranked: Sequence[_Tried], first: CarriedMotion | None) -> tuple[CarriedEffect, ...]:
+    """The likeliest cause, with its value and its rivals."""
+    if not ranked or not ranked[0].belief:
+        return ()
+    best, cause = ranked[0], ranked[0].cause
+    rivals = tuple(_called(row.cause) for row in ranked[1:] if row.belief > _RIVAL)
+    if not len(best.values):
+        return (_worded(CarriedEffect(cause.name, cause.objects, best.belief, indistinguishable=rivals), first),)
+    value, deviation, bound = _value(best, first is None)
+    found = CarriedEffect(
+        cause.name, cause.objects, best.belief, cause.parameter, value, deviation, cause.unit, bound, rivals
+    )
+    return (_worded(found, first),)
+
+
+def _called(cause: SceneCause) -> str:
+    return f"{cause.name} of {' and '.join(cause.objects)}" if cause.objects else cause.name
+
+
+def _value(row: _Tried, still: bool) -> tuple[float, float, str]:
+    """Mean and standard deviation of the parameter; or, where nothing moved, its bound."""
+    weights = row.weights / row.weights.sum()
+    mean = float(weights @ row.values)
+    deviation = float(np.sqrt(weights @ (row.values - mean) ** 2))
+    if not still:
+        return mean, deviation, ""
+    order = np.argsort(row.values)
+    upward = float(weights @ (row.values - row.values.mean())) > 0
+    place = int(np.searchsorted(np.cumsum(weights[order]), 0.05 if upward else 0.95))
+    return float(row.values[order][min(place, len(order) - 1)]), deviation, "at least" if upward else "at most"
+
+
+def _worded(effect: CarriedEffect, first: CarriedMotion | None) -> CarriedEffect:
+    """With its sentence."""
+    who = " and ".join(effect.objects)
+    about = f"{effect.bound} " if effect.bound else ""
+    spread = "" if effect.bound else f" +- {effect.deviation:.2g}"
+    words = {
+        "friction": f"the friction of {who} is {about}{effect.value:.2f}{spread}",
+        "com_height": f"the centre of mass of {who} is {about}{1e3 * effect.value:.0f} mm higher than declared",
+        "tray_tilt": f"the base leans by {about}{abs(np.rad2deg(effect.value)):.1f} deg more than its frame says",
+        "liquid": f"a part of {who} swings at about {effect.value:.1f} Hz, as a liquid does",
+        "push": f"{who} was pushed: the base accelerated as much before without moving it, or not at all",
+    }[effect.name]
+    if effect.name == "com_height" and first is not None and first.mode == "tip":
+        words += (
+            "; a rounded edge would look the same. A rounded edge shortens all levers by one length, a higher centre of"
+            " mass divides all limits by one factor: accelerate across a longer side of the base, too"
+        )
+    return replace(effect, sentence=words)

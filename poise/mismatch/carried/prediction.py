@@ -1,0 +1,79 @@
+"""When a scene on a base is predicted to move: the acceleration against the limits of the assembly engine."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.assembly import Analysis, Assembly, acceleration_limits
+from poise.types import Array
+
+_ASKED = 24
+"""Directions of the recorded acceleration in which limits are computed."""
+_STRONG = 0.3
+"""Share of the largest acceleration from which on a direction is one of them."""
+_ROUGH = 5.0
+"""Coefficient of friction with which nothing slips."""
+_SLIPS = 0.97
+"""Share of the limit without slipping below which an object slips."""
+_CERTAIN = 20.0
+"""Load of a scene that does not even stand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Loading:
+    """How near a scene is to moving, over a recording.
+
+    Args:
+        load: (T,) the acceleration over its limit: from 1 on something moves.
+        most: (T,) the largest load so far.
+    """
+
+    load: Array
+    most: Array
+
+    def crossing(self, level: float = 1.0) -> int | None:
+        """The first sample of at least this load."""
+        over = self.most >= level
+        return int(np.argmax(over)) if over.any() else None
+
+
+def loading(scene: Assembly, acceleration: Array) -> Loading:
+    """The load of a scene under accelerations (T, 3), m/s2, in its frame."""
+    analysis = Analysis.of(scene)
+    if not analysis.stability().stable:
+        load = np.full(len(acceleration), _CERTAIN)
+        return Loading(load, load)
+    found = acceleration_limits(analysis, _directions(acceleration), turning=False)
+    inside = np.maximum((acceleration @ found.normals.T) / np.maximum(found.offsets, 1e-9), 0).max(axis=1)
+    size = np.linalg.norm(acceleration, axis=1)
+    nearest = np.argmax(acceleration @ found.directions.T, axis=1)
+    aligned = np.einsum("ti,ti->t", acceleration, found.directions[nearest]) > 0.9995 * size
+    direct = size / np.maximum(found.limits[nearest], 1e-9)
+    load = np.where(aligned & (size > 0), direct, inside)
+    return Loading(load, np.maximum.accumulate(load))
+
+
+def mode_at(scene: Assembly, acceleration: Array) -> tuple[str, tuple[str, ...]]:
+    """ "slip" or "tip", and the ids of what moves first under an acceleration (3,) that grows in its direction."""
+    asked = acceleration[None] / max(float(np.linalg.norm(acceleration)), 1e-9)
+    if not Analysis.of(scene).stability().stable:
+        return "tip", ()
+    found = acceleration_limits(scene, asked, turning=False)
+    pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
+    rough = replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
+    tips = acceleration_limits(rough, asked, turning=False).limits[0]
+    return ("slip" if found.limits[0] < _SLIPS * tips else "tip"), found.first_to_move[0]
+
+
+def _directions(acceleration: Array) -> Array:
+    """(D, 3) unit vectors of the strongest accelerations, all different."""
+    size = np.linalg.norm(acceleration, axis=1)
+    strong = np.flatnonzero(size > _STRONG * size.max()) if size.max() > 0 else np.array([], int)
+    units: list[Array] = []
+    for row in strong[np.argsort(-size[strong])]:
+        way = acceleration[row] / size[row]
+        if all(way @ other < 0.998 for other in units):
+            units.append(way)
+        if len(units) == _ASKED:
+            break
+    return np.array(units) if units else np.eye(3)[:1]

@@ -1,0 +1,188 @@
+"""A recorded scene on a base that moves: how the base accelerates, and where the objects are on it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from poise.assembly import Assembly
+from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.recording import PoseStream, Recording
+from poise.robot import FrameTree, frames_above, has_topic
+from poise.types import Array, Stamps
+
+_RATE = 100.0
+"""Hz of the grid on which the motion of the base is evaluated."""
+_WINDOW, _FEWEST, _ORDER = 0.16, 7, 3
+"""s and samples of the shortest stretch that a cubic is fitted to, whose second derivative is the acceleration."""
+_GAP = 0.5
+"""s between transforms across which a pose is interpolated."""
+_LEAST = 1.0
+"""s of a recording."""
+_NORMAL = 1.4826
+"""Standard deviation over median absolute deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTrack:
+    """One object on the base, in the scene's frame as the base carries it along.
+
+    Args:
+        seconds: (N,) since the recording begins.
+        rotation, translation: (N, 3, 3), (N, 3) m.
+        noise: m and rad, one sigma of a position along an axis and of an angle.
+    """
+
+    seconds: Array
+    rotation: Array
+    translation: Array
+    noise: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedRecording:
+    """What a recording shows of a scene on a base.
+
+    Args:
+        carrier, world: frames of the base, and of what is at rest.
+        seconds: (T,) since it begins, evenly.
+        acceleration: (T, 3) m/s2, in the scene's frame: a scene whose base accelerates by as much, level and without
+            turning, feels the same. It contains how the base leans.
+        noise: m/s2, one sigma of an entry of it.
+        objects: tracks by the ids of the scene.
+        missing: ids of movable objects without poses.
+    """
+
+    carrier: str
+    world: str
+    seconds: Array
+    acceleration: Array
+    noise: float
+    objects: Mapping[str, ObjectTrack]
+    missing: tuple[str, ...]
+
+
+def read_carried(recording: Recording, scene: Assembly, carrier: str = "") -> CarriedRecording:
+    """Read the motion of the base and of the objects from tf; that of the base from odom, too.
+
+    Args:
+        recording: with the objects' ids as frames.
+        scene: where the objects stand at first; its frame moves with the base.
+        carrier: frame of the base; empty: that of a fixed object, if tf has one of its id.
+
+    Raises:
+        InputError: FRAME_UNKNOWN for frames that tf lacks, EMPTY for a recording that is too short.
+    """
+    pairs = recording.frame_parents() if _has_tf(recording) else []
+    children, frames = {child for child, _ in pairs}, {name for pair in pairs for name in pair}
+    fixed = [item.id for item in scene.objects if item.fixed]
+    carrier = carrier or next((name for name in fixed if name in frames), "")
+    movable = [item.id for item in scene.objects if not item.fixed]
+    present = [name for name in movable if name in children]
+    if not carrier or not present:
+        wanted = f"a fixed object ({', '.join(fixed)}; or --carrier)" if not carrier else ", ".join(movable)
+        raise InputError(
+            ErrorCode.FRAME_UNKNOWN,
+            f"{recording.path}: tf has no frame of {wanted}; it has {', '.join(sorted(frames)) or 'none'}: publish"
+            " the pose of each object with its id in the scene as child frame",
+        )
+    tree, world = _tree(recording, carrier, present)
+    place = next((item.pose for item in scene.objects if item.fixed and item.id == carrier), Pose.identity())
+    stamps = _grid(tree, carrier, world, recording)
+    seconds = 1e-9 * (stamps - stamps[0])
+    pose, known = tree.poses(carrier, world, stamps)
+    if not known.all():
+        stamps, seconds, pose = stamps[known], seconds[known], Pose(pose.rotation[known], pose.translation[known])
+    acceleration, noise = _felt(seconds, pose @ place.inverse, scene, _spacing(tree, carrier, world))
+    tracks = {name: _track(tree, name, carrier, place, stamps) for name in present}
+    missing = tuple(name for name in movable if name not in present)
+    return CarriedRecording(carrier, world, seconds, acceleration, noise, tracks, missing)
+
+
+def _has_tf(recording: Recording) -> bool:
+    return has_topic(recording, "tf") or has_topic(recording, "tf_static")
+
+
+def _tree(recording: Recording, carrier: str, objects: list[str]) -> tuple[FrameTree, str]:
+    """All transforms from the objects and the base upwards; and the frame at rest, the topmost of the base."""
+    tree = FrameTree(one_parent=False, max_gap=_GAP)
+    streams: dict[str, PoseStream] = {}
+    for name in (carrier, *objects):
+        streams |= {one.child: one for one in frames_above(recording, name)}
+    if not _moves(streams, carrier) and has_topic(recording, "odom"):
+        odometry = recording.odometry()
+        streams.setdefault(odometry.child, odometry)
+    for one in streams.values():
+        pose = one.rotation_parent_child, one.translation_parent_child
+        tree.add(one.stamps, one.parent, one.child, *pose, fixed=len(one.stamps) == 1)
+    path = tree.path(carrier, None)
+    if not path:
+        raise InputError(
+            ErrorCode.FRAME_UNKNOWN,
+            f"{recording.path}: nothing says where {carrier} is in a frame at rest: record its tf, or odom",
+        )
+    return tree, streams[path[0]].parent
+
+
+def _moves(streams: Mapping[str, PoseStream], frame: str) -> bool:
+    """Whether some transform above a frame has several samples."""
+    while frame in streams:
+        if len(streams[frame].stamps) > 1:
+            return True
+        frame = streams[frame].parent
+    return False
+
+
+def _grid(tree: FrameTree, carrier: str, world: str, recording: Recording) -> Stamps:
+    stamps = tree.stamps(tree.path(carrier, world), -(2**62), 2**62)
+    if len(stamps) < 2 or stamps[-1] - stamps[0] < _LEAST * 1e9:
+        raise InputError(
+            ErrorCode.EMPTY,
+            f"{recording.path}: the pose of {carrier} in {world} is recorded for less than {_LEAST:g} s",
+        )
+    return np.arange(stamps[0], stamps[-1], round(1e9 / _RATE), dtype=np.int64)
+
+
+def _spacing(tree: FrameTree, carrier: str, world: str) -> float:
+    """s between samples of the base's pose."""
+    stamps = tree.stamps(tree.path(carrier, world), -(2**62), 2**62)
+    return float(np.median(np.diff(stamps))) * 1e-9
+
+
+def _felt(seconds: Array, pose: Pose, scene: Assembly, spacing: float) -> tuple[Array, float]:
+    """(T, 3) m/s2, and one sigma: the acceleration of an upright scene that feels the same (see `CarriedRecording`).
+
+    It is that of the middle of the objects, which a base that turns accelerates, too.
+    """
+    step, gravity = 1 / _RATE, np.asarray(scene.gravity)
+    middle = np.mean([item.com_in_world for item in scene.objects if not item.fixed], axis=0)
+    window = 2 * int(np.ceil(max(_WINDOW, _FEWEST * spacing) / (2 * step))) + 1
+    window = min(window, len(seconds) - 1 + len(seconds) % 2)
+    place = pose.rotation @ middle + pose.translation
+    second = savgol_filter(place, window, _ORDER, deriv=2, delta=step, axis=0)
+    left = place - savgol_filter(place, window, _ORDER, axis=0)
+    noise = (
+        _NORMAL
+        * float(np.median(np.abs(left - np.median(left, axis=0))))
+        / np.sqrt(max(1 - (_ORDER + 1) / window, 0.1))
+    )
+    samples = max(step, spacing) / step  # neighbours on the grid are interpolated between the same samples
+    spread = noise * float(np.linalg.norm(savgol_coeffs(window, _ORDER, deriv=2, delta=step))) * np.sqrt(samples)
+    down = np.array([0.0, 0.0, -(np.linalg.norm(gravity) or STANDARD_GRAVITY)])
+    felt = np.einsum("tji,tj->ti", pose.rotation, down - second)
+    return np.asarray(gravity - felt), spread
+
+
+def _track(tree: FrameTree, name: str, carrier: str, place: Pose, stamps: Stamps) -> ObjectTrack:
+    own = tree.stamps(tree.path(name, None), int(stamps[0]), int(stamps[-1]))
+    moving = own if len(own) > 1 else stamps
+    pose, known = tree.poses(name, carrier, moving)
+    in_scene = place @ Pose(pose.rotation[known], pose.translation[known])
+    seconds = 1e-9 * (moving[known] - stamps[0])
+    turn = np.einsum("tji,tjk->tik", in_scene.rotation[:-1], in_scene.rotation[1:])
+    angle = np.sqrt(np.maximum(3 - np.trace(turn, axis1=1, axis2=2), 0))  # |rotation vector| for small angles
+    steps = np.diff(in_scene.translation, axis=0)
+    noise = _NORMAL * float(np.median(np.abs(steps))) / np.sqrt(2), float(np.median(angle)) / np.sqrt(2) / 1.54
+    return ObjectTrack(seconds, in_scene.rotation, in_scene.translation, noise)

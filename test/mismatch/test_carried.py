@@ -1,0 +1,215 @@
+"""Scenes on a base that moves: a box that slides by Coulomb's law, in closed form, and scenes that MuJoCo moves."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from benchmarks.carried.make import as_declared, draw, scene_of, simulate, write
+from poise.assembly import Assembly, Box, FrictionPair, RigidObject, write_scene
+from poise.cli import run
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.mismatch.carried import CarriedAnswer, examine_carried, read_carried
+from poise.recording import PoseStream, RecordingWriter, encode_stream, open_recording
+
+FRICTION, GRAVITY, STEP = 0.3, 9.81, 1e-3
+START = 10**18
+
+
+def scene(friction: float = FRICTION, height: float = 0.06) -> Assembly:
+    """A box on a tray whose top is the plane z = 0."""
+    tray = RigidObject("tray", Box((1.0, 1.0, 0.02)), Pose(np.eye(3), np.array([0.0, 0.0, -0.01])), fixed=True)
+    box = RigidObject("box", Box((0.1, 0.08, height)), Pose(np.eye(3), np.array([0.1, 0.0, height / 2])), mass=0.7)
+    return Assembly((tray, box), np.array([0, 0, -GRAVITY]), friction)
+
+
+def drive(strongest: float) -> tuple[np.ndarray, np.ndarray]:
+    """(T,) s, (T,) m/s2 along x: three starts and stops, the last one the strongest."""
+    times = np.arange(0.0, 8.0, STEP)
+    acceleration = np.zeros_like(times)
+    for begin, share in ((1.0, 0.4), (3.0, -0.7), (5.0, 1.0)):
+        for at, sign in ((begin, 1), (begin + 0.9, -1)):
+            ramp = np.clip((times - at) / 0.3, 0, 1) * np.clip((at + 0.8 - times) / 0.3, 0, 1)
+            acceleration += sign * share * strongest * ramp
+    return times, acceleration
+
+
+def slid(acceleration: np.ndarray, friction: float) -> np.ndarray:
+    """(T,) m that a box slides on the base, by Coulomb's law."""
+    place = speed = 0.0
+    found = np.zeros_like(acceleration)
+    for row, pulled in enumerate(acceleration):
+        if speed == 0.0 and abs(pulled) <= friction * GRAVITY:
+            relative = 0.0
+        else:
+            way = np.sign(speed) if speed else -np.sign(pulled)
+            relative = -pulled - way * friction * GRAVITY
+        after = speed + relative * STEP
+        speed = 0.0 if speed * after < 0 else after
+        place += speed * STEP
+        found[row] = place
+    return found
+
+
+def record(path: Path, acceleration: np.ndarray, moved: np.ndarray, *, lean: float = 0.0, odom: bool = False) -> Path:
+    """A bag: the tray at 50 Hz, and the box at 30 Hz with 0.5 mm of noise; the base leans by `lean` about y, rad."""
+    rng = np.random.default_rng(7)
+    times = np.arange(len(acceleration)) * STEP
+    turn = Rotation.from_euler("y", lean).as_matrix()
+    base = np.cumsum(np.cumsum(acceleration)) * STEP**2
+    rows, shots = slice(0, None, 20), slice(0, None, 33)
+    stamps = START + np.round(times * 1e9).astype(np.int64)
+    at = np.column_stack([base, 0 * base, 0 * base])[rows] @ turn.T
+    carried = PoseStream(stamps[rows], np.tile(turn, (len(at), 1, 1)), at, "odom", "tray")
+    seen = np.column_stack([0.1 + moved, 0 * moved, 0.04 + 0 * moved])[shots]
+    seen = seen + rng.normal(scale=5e-4, size=seen.shape)
+    box = PoseStream(stamps[shots], np.tile(np.eye(3), (len(seen), 1, 1)), seen, "tray", "box")
+    topics = {"odom" if odom else "tf": [carried], "tf": [box] if odom else [carried, box]}
+    with RecordingWriter(path) as writer:
+        for name, streams in topics.items():
+            writer.add_topic(name, "nav_msgs/msg/Odometry" if name == "odom" else "tf2_msgs/msg/TFMessage")
+            messages = [each for stream in streams for each in encode_stream(name, stream)]
+            for stamp, content in sorted(messages, key=lambda one: one[0]):
+                writer.write(name, stamp, content)
+    return path
+
+
+def examined(path: Path, declared: Assembly) -> CarriedAnswer:
+    return examine_carried(read_carried(open_recording(path), declared), declared)
+
+
+@pytest.mark.parametrize("odom", [False, True])
+def test_a_scene_as_declared_needs_no_cause(tmp_path: Path, odom: bool) -> None:
+    times, acceleration = drive(4.0)
+    moved = slid(acceleration, FRICTION)
+    found = examined(record(tmp_path / "run.mcap", acceleration, moved, odom=odom), scene())
+    assert found.verdict == "none"
+    assert not found.effects
+    begins = times[np.argmax(moved != 0)]
+    assert found.seen[0].object == "box"
+    assert found.seen[0].mode == "slip"
+    assert found.seen[0].time == pytest.approx(begins, abs=0.05)
+    assert found.predicted is not None
+    assert found.predicted.time == pytest.approx(begins, abs=0.03)
+
+
+def test_the_load_is_the_acceleration_over_its_limit(tmp_path: Path) -> None:
+    _, acceleration = drive(2.0)
+    found = examined(record(tmp_path / "run.mcap", acceleration, 0 * acceleration), scene())
+    assert found.verdict == "none"
+    assert found.predicted is None
+    assert found.most == pytest.approx(2.0 / (FRICTION * GRAVITY), rel=0.03)
+
+
+def test_a_lower_friction_is_named_with_its_value(tmp_path: Path) -> None:
+    _, acceleration = drive(2.0)
+    found = examined(record(tmp_path / "run.mcap", acceleration, slid(acceleration, 0.17)), scene())
+    assert found.verdict == "named"
+    assert found.effects[0].name == "friction"
+    assert set(found.effects[0].objects) == {"box", "tray"}
+    assert found.effects[0].value == pytest.approx(0.17, rel=0.1)
+    assert abs(found.effects[0].value - 0.17) < 3 * found.effects[0].deviation
+
+
+def test_what_does_not_slip_has_a_lowest_friction(tmp_path: Path) -> None:
+    _, acceleration = drive(4.5)
+    found = examined(record(tmp_path / "run.mcap", acceleration, 0 * acceleration), scene())
+    assert found.verdict == "named"
+    assert found.effects[0].name == "friction"
+    assert found.effects[0].bound == "at least"
+    assert 0.3 < found.effects[0].value <= 0.55
+
+
+def test_a_push_is_no_friction(tmp_path: Path) -> None:
+    """The box moves while the base stands still, after it withstood an acceleration."""
+    times, acceleration = drive(2.4)
+    moved = 0.5 * 0.6 * np.clip(times - 7.4, 0, 0.15) ** 2 + 0.09 * np.clip(times - 7.55, 0, 0.3)
+    found = examined(record(tmp_path / "run.mcap", acceleration, moved), scene())
+    assert found.verdict == "named"
+    assert found.effects[0].name == "push"
+
+
+def test_an_object_elsewhere_is_found_and_allowed_for(tmp_path: Path) -> None:
+    _, acceleration = drive(2.0)
+    found = examined(record(tmp_path / "run.mcap", acceleration, 0.03 + 0 * acceleration), scene())
+    assert found.verdict == "named"
+    assert [effect.name for effect in found.effects] == ["object_pose"]
+    assert found.effects[0].value == pytest.approx(0.03, abs=2e-3)
+
+
+def test_a_base_that_leans_in_tf_is_part_of_the_prediction(tmp_path: Path) -> None:
+    """At rest on a slope of 10 degrees the load is tan(10 deg) / 0.3."""
+    found = examined(record(tmp_path / "run.mcap", np.zeros(3000), np.zeros(3000), lean=np.deg2rad(10)), scene())
+    assert found.most == pytest.approx(np.tan(np.deg2rad(10)) / FRICTION, rel=0.02)
+
+
+def test_a_higher_centre_of_mass_has_a_rounded_edge_as_rival(tmp_path: Path) -> None:
+    """The tall can of seed 25 tips earlier than its scene file says."""
+    case = draw(25)
+    seen, poses = simulate(case)
+    write(case, tmp_path / "run.mcap", poses)
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(case)))
+    assert (
+        run(
+            [
+                "mismatch",
+                str(tmp_path / "run.mcap"),
+                "--scene",
+                str(tmp_path / "scene.yaml"),
+                "--json",
+                str(tmp_path / "a.json"),
+            ]
+        )
+        == 0
+    )
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["verdict"] == "named"
+    assert answer["effects"][0]["name"] == "com_height"
+    assert answer["effects"][0]["value"] == pytest.approx(case.value, rel=0.35)
+    assert "rounded edge" in answer["effects"][0]["sentence"]
+    assert (answer["seen"][0]["object"], answer["seen"][0]["mode"]) == (seen.name, seen.mode) == ("can_0", "tip")
+
+
+def test_mujoco_agrees_with_the_engine(tmp_path: Path) -> None:
+    """What is as declared has no cause."""
+    for seed in (1, 10, 21):
+        case = as_declared(draw(seed))
+        write(case, tmp_path / "run.mcap", simulate(case)[1])
+        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(case)))
+        target = tmp_path / "a.json"
+        assert (
+            run(
+                ["mismatch", str(tmp_path / "run.mcap"), "--scene", str(tmp_path / "scene.yaml"), "--json", str(target)]
+            )
+            == 0
+        )
+        assert json.loads(target.read_text())["verdict"] == "none"
+
+
+def test_bad_recordings_and_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, acceleration = drive(2.0)
+    bag = record(tmp_path / "run.mcap", acceleration, 0 * acceleration)
+    other = replace(scene(), objects=tuple(replace(item, id=f"other_{item.id}") for item in scene().objects))
+    with pytest.raises(InputError, match="child frame") as caught:
+        read_carried(open_recording(bag), other)
+    assert caught.value.code is ErrorCode.FRAME_UNKNOWN
+    short = record(tmp_path / "short.mcap", acceleration[:500], 0 * acceleration[:500])
+    with pytest.raises(InputError, match="less than 1 s"):
+        read_carried(open_recording(short), scene())
+    write_scene(scene(), tmp_path / "scene.yaml")
+    assert run(["mismatch", str(bag), str(bag), "--scene", str(tmp_path / "scene.yaml")]) == 2
+    assert "--scene takes one recording" in capsys.readouterr().err
+
+
+def test_objects_without_poses_are_listed(tmp_path: Path) -> None:
+    _, acceleration = drive(2.0)
+    bag = record(tmp_path / "run.mcap", acceleration, 0 * acceleration)
+    cup = RigidObject("cup", Box((0.05, 0.05, 0.1)), Pose(np.eye(3), np.array([-0.2, 0.0, 0.05])), mass=0.2)
+    more = scene().with_object(cup, pairs=[FrictionPair(("cup", "tray"), 0.4)])
+    found = examine_carried(read_carried(open_recording(bag), more), more)
+    assert any("cup" in note for note in found.notes)
