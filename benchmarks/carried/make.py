@@ -97,7 +97,7 @@ def draw(seed: int) -> Case:
         value, way = np.deg2rad(rng.uniform(4, 8)), rng.uniform(-np.pi, np.pi)
         tilt = float(value * np.cos(way)), float(value * np.sin(way))
     elif cause == "push":
-        value = float(rng.uniform(0.25, 0.5)) * chosen.mass
+        value = float(rng.uniform(0.6, 1.2)) * chosen.mass
         push = float(rng.uniform(2.0, SECONDS - 2)), value
     elif cause == "object_pose":
         value = float(rng.uniform(0.02, 0.05))

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from poise.assembly import Analysis, Assembly, FrictionPair
 from poise.errors import PoiseError
 from poise.geometry import Pose
-from poise.mismatch.carried.events import CarriedMotion
+from poise.mismatch.carried.events import CarriedMotion, height_of
 from poise.mismatch.carried.prediction import Loading, loading, mode_at
 from poise.types import Array
 
@@ -26,10 +26,10 @@ _FRICTION = (0.04, 1.5, 36)
 _HEIGHTS = (-0.45, 1.5, 40)
 """Changes of the height of a centre of mass, in heights over the support."""
 _TILTS = (np.deg2rad(0.5), np.deg2rad(12.0), 24)
-_SLOSH = np.geomspace(0.5, 4.0, 16)
+_SLOSH = np.geomspace(0.5, 4.0, 14)
 """Hz of a liquid's first mode."""
-_LIQUID, _DAMPING = 0.5, 0.03
-"""Share of the mass that sloshes, and its damping ratio."""
+_LIQUID, _DAMPING = (0.3, 0.5, 0.7), 0.03
+"""Shares of the mass that sloshes, and its damping ratio."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def families(scene: Assembly, acceleration: Array, mover: str, way: Array) -> li
         *shared,
         SceneCause("com_height", (mover,), "raised_by", "m", 0.15, lambda: _raised(scene, acceleration, mover)),
         SceneCause("tray_tilt", (), "angle", "rad", 0.05, lambda: _tilted(scene, acceleration, way)),
-        SceneCause("liquid", (mover,), "frequency", "Hz", 0.03, lambda: _sloshing(scene, acceleration)),
+        SceneCause("liquid", (mover,), "frequency", "Hz", 0.06, lambda: _sloshing(scene, acceleration, mover)),
     ]
 
 
@@ -164,7 +164,7 @@ def _rubbing(scene: Assembly, acceleration: Array, mover: str, other: str) -> Ca
 def _raised(scene: Assembly, acceleration: Array, mover: str) -> Iterator[Candidate]:
     item = scene.objects[scene.place_of(mover)]
     up = -np.asarray(scene.gravity) / np.linalg.norm(scene.gravity)
-    height = float(item.com_in_world @ up - (item.vertices @ up).min())
+    height = height_of(scene, mover)
     room = float((item.vertices @ up).max() - item.com_in_world @ up)
     shares = np.linspace(*_HEIGHTS)
     shares = shares[(shares * height < room) & (np.abs(shares) > 0.05)]
@@ -187,12 +187,18 @@ def _tilted(scene: Assembly, acceleration: Array, way: Array) -> Iterator[Candid
             yield Candidate(float(sign * angle), 0.5 / _TILTS[2], scene, acceleration + leaning)
 
 
-def _sloshing(scene: Assembly, acceleration: Array, rate: float = 100.0) -> Iterator[Candidate]:
-    """A part of the mass that swings: its force follows the acceleration late, and exceeds it."""
+def _sloshing(scene: Assembly, acceleration: Array, mover: str, rate: float = 100.0) -> Iterator[Candidate]:
+    """A part of the mass that swings: its force follows the acceleration late, exceeds it, and it moves off the middle.
+
+    The weight that is off the middle tips the object as a further acceleration does.
+    """
+    gravity, height = float(np.linalg.norm(scene.gravity)), height_of(scene, mover)
     for frequency in _SLOSH:
-        swing = _resonant(acceleration, 2 * np.pi * float(frequency), 1 / rate)
-        felt = (1 - _LIQUID) * acceleration + _LIQUID * swing
-        yield Candidate(float(frequency), 1 / len(_SLOSH), scene, felt)
+        omega = 2 * np.pi * float(frequency)
+        swing = _resonant(acceleration, omega, 1 / rate)
+        for share in _LIQUID:
+            felt = (1 - share) * acceleration + share * (1 + gravity / (omega**2 * height)) * swing
+            yield Candidate(float(frequency), 1 / (len(_SLOSH) * len(_LIQUID)), scene, felt)
 
 
 def _resonant(values: Array, omega: float, step: float) -> Array:

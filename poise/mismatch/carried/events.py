@@ -44,11 +44,11 @@ class CarriedMotion:
 
 def motions(tracks: Mapping[str, ObjectTrack], scene: Assembly) -> tuple[CarriedMotion, ...]:
     """What moved, the first one first."""
-    found = (_motion(name, track, _height(scene, name)) for name, track in tracks.items())
+    found = (_motion(name, track, height_of(scene, name)) for name, track in tracks.items())
     return tuple(sorted((one for one in found if one is not None), key=lambda one: one.time))
 
 
-def _height(scene: Assembly, name: str) -> float:
+def height_of(scene: Assembly, name: str) -> float:
     """m of the centre of mass over the lowest point of the object."""
     item = scene.objects[scene.place_of(name)]
     up = -np.asarray(scene.gravity) / np.linalg.norm(scene.gravity)
