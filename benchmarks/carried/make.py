@@ -80,7 +80,8 @@ def draw(seed: int) -> Case:
         Body(**{**vars(b), "place": (0.25 * i - 0.2, rng.uniform(-0.1, 0.1), b.place[2])}) for i, b in enumerate(bodies)
     ]
     subject = int(rng.integers(len(bodies)))
-    chosen, changed, value = bodies[subject], {}, 0.0
+    chosen, value = bodies[subject], 0.0
+    changed: dict[str, Any] = {}
     tilt, push = (0.0, 0.0), (0.0, 0.0)
     if cause == "friction":
         value = chosen.friction * float(rng.choice([rng.uniform(0.35, 0.7), rng.uniform(1.5, 2.2)]))

@@ -165,9 +165,9 @@ def mismatch(
     if scene is not None:
         others = (model, report, save, separate, against, joints, export, into, payload_link)
         if len(bags) > 1 or any(other is not None for other in others):
-            sentence = "--scene takes one recording, and no options but --carrier, --picture and --json"
+            sentence = "--scene takes one recording, and no options but --carrier, --picture, --deadline and --json"
             raise InputError(ErrorCode.BAD_INPUT, sentence)
-        answer_scene(bags[0], scene, carrier, picture, json_target)
+        answer_scene(bags[0], scene, carrier, deadline, picture, json_target)
         return
     exports = read_model_exports(export, into)
     nominal = NominalModel() if model is None else with_payload_link(load_model(model), payload_link)

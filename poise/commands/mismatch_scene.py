@@ -22,13 +22,15 @@ from poise.mismatch.carried import (
 from poise.recording import open_recording
 
 
-def answer_scene(bag: Path, scene: Path, carrier: str, picture: Path | None, json_target: str | None) -> None:
+def answer_scene(
+    bag: Path, scene: Path, carrier: str, deadline: float, picture: Path | None, json_target: str | None
+) -> None:
     """Print and write the answer about a recording of a scene on a base that moves.
 
     Raises:
         PoiseError: as `examined_scene` and `write_scene_picture`.
     """
-    recording, found = examined_scene(bag, scene, carrier)
+    recording, found = examined_scene(bag, scene, carrier, deadline)
     written = [] if picture is None else [write_scene_picture(picture, recording, found)]
     write_json(json_target, scene_json(found, bag, scene))
     people = console(json_target)
@@ -36,7 +38,9 @@ def answer_scene(bag: Path, scene: Path, carrier: str, picture: Path | None, jso
     print_written(people, written)
 
 
-def examined_scene(bag: Path, scene: Path, carrier: str) -> tuple[CarriedRecording, CarriedAnswer]:
+def examined_scene(
+    bag: Path, scene: Path, carrier: str, deadline: float = math.inf
+) -> tuple[CarriedRecording, CarriedAnswer]:
     """A recording of a scene on a base that moves, and what it says against the scene file.
 
     Raises:
@@ -45,7 +49,7 @@ def examined_scene(bag: Path, scene: Path, carrier: str) -> tuple[CarriedRecordi
     declared = load_scene(scene)
     recording = read_carried(open_recording(bag), declared, carrier)
     with progress_bar("trying causes") as progress:
-        return recording, examine_carried(recording, declared, progress)
+        return recording, examine_carried(recording, declared, deadline, progress)
 
 
 def write_scene_picture(path: Path, recording: CarriedRecording, found: CarriedAnswer) -> Path:

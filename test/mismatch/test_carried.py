@@ -213,3 +213,34 @@ def test_objects_without_poses_are_listed(tmp_path: Path) -> None:
     more = scene().with_object(cup, pairs=[FrictionPair(("cup", "tray"), 0.4)])
     found = examine_carried(read_carried(open_recording(bag), more), more)
     assert any("cup" in note for note in found.notes)
+
+
+def test_a_gap_in_the_motion_of_the_base_is_no_acceleration(tmp_path: Path) -> None:
+    """The longest stretch is used: the first 5 of 8 s."""
+    _, acceleration = drive(2.0)
+    bag = record(tmp_path / "run.mcap", acceleration, 0 * acceleration)
+    recording = open_recording(bag)
+    tray, box = recording.poses("tray"), recording.poses("box")
+    gone = (tray.stamps < START + 5 * 10**9) | (tray.stamps > START + 6 * 10**9)
+    holed = PoseStream(
+        tray.stamps[gone], tray.rotation_parent_child[gone], tray.translation_parent_child[gone], "odom", "tray"
+    )
+    with RecordingWriter(tmp_path / "holed.mcap") as writer:
+        writer.add_topic("tf", "tf2_msgs/msg/TFMessage")
+        messages = [each for stream in (holed, box) for each in encode_stream("tf", stream)]
+        for stamp, content in sorted(messages, key=lambda one: one[0]):
+            writer.write("tf", stamp, content)
+    found = examined(tmp_path / "holed.mcap", scene())
+    assert any("gaps" in note for note in found.notes)
+    assert found.seconds[-1] == pytest.approx(5.0, abs=0.1)
+    assert found.most < 0.6
+    assert found.verdict == "none"
+
+
+def test_a_deadline_leaves_causes_out_and_says_so(tmp_path: Path) -> None:
+    _, acceleration = drive(2.0)
+    bag = record(tmp_path / "run.mcap", acceleration, slid(acceleration, 0.17))
+    found = examine_carried(read_carried(open_recording(bag), scene()), scene(), deadline=0.0)
+    assert any("deadline" in note for note in found.notes)
+    assert found.verdict == "unknown"
+    assert not found.effects

@@ -1,5 +1,7 @@
 """Why a scene on a base moved, or did not, against the prediction of the assembly engine."""
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -85,30 +87,38 @@ class CarriedAnswer:
 
 
 def examine_carried(
-    recording: CarriedRecording, scene: Assembly, progress: Progress = lambda share: None
+    recording: CarriedRecording,
+    scene: Assembly,
+    deadline: float = math.inf,
+    progress: Progress = lambda share: None,
 ) -> CarriedAnswer:
     """Hold a recording against the scene, and name what the scene has wrong.
 
     Args:
         recording: as read.
         scene: as declared.
+        deadline: s after which no further causes are tried; a note names them.
         progress: of the search.
 
     Raises:
         InputError: as `Analysis.of`, for the scene as declared.
     """
+    end = time.monotonic() + deadline
     Analysis.of(scene)  # a scene that is invalid by itself is refused
     displaced, there, notes = _placed(recording, scene)
+    notes = [*recording.notes, *notes]
     seen = motions(recording.objects, there)
     first = seen[0] if seen else None
     times, felt = recording.seconds, recording.acceleration
     nominal = loading(there, felt)
     predicted = _predicted(there, nominal, recording)
-    declared, ranked = _beliefs(recording, there, first, predicted, progress)
+    declared, ranked, untried = _beliefs(recording, there, first, predicted, end, progress)
+    if untried:
+        notes.append(f"the deadline left no time for {', '.join(untried)}")
     found = _effects(ranked, first)
     if recording.missing:
         notes.append(f"tf has no pose of {', '.join(recording.missing)}: whether they moved is not known")
-    verdict = _verdict(declared, found, bool(displaced))
+    verdict = _verdict(declared, () if untried else found, bool(displaced))
     effects = (*displaced, *(found if verdict in ("named", "mixed") and declared < _NAMED else ()))
     return CarriedAnswer(
         verdict, effects, seen, predicted, float(nominal.most[-1]), declared, nominal, times, felt, tuple(notes)
@@ -182,13 +192,14 @@ def _beliefs(
     scene: Assembly,
     first: CarriedMotion | None,
     predicted: CarriedMotion | None,
+    end: float,
     progress: Progress,
-) -> tuple[float, list[_Tried]]:
-    """The probability of the scene as declared, and those of the causes, the likeliest first."""
+) -> tuple[float, list[_Tried], list[str]]:
+    """The probability of the scene as declared, those of the causes, the likeliest first, and what was not tried."""
     times, felt, noise = recording.seconds, recording.acceleration, recording.noise
     none = np.zeros(0)
     declared = _DECLARED * probability(Candidate(0.0, 1.0, scene, felt, DECLARED_WITHIN), first, times, noise)
-    rows = list[_Tried]()
+    rows, untried = list[_Tried](), list[str]()
     if first is not None:
         pushed = SceneCause("push", (first.object,), "", "", _PUSH, lambda: iter(()))
         rows.append(_Tried(pushed, _PUSH * by_chance(loading(scene, felt), first, times, noise), none, none))
@@ -197,6 +208,9 @@ def _beliefs(
         way = felt[min(int(np.searchsorted(times, subject.time)), len(felt) - 1)]
         every = families(scene, felt, subject.object, way)
         for number, cause in enumerate(every):
+            if time.monotonic() > end:
+                untried.append(_called(cause))
+                continue
             tried = list(cause.candidates())
             chances = np.array([one.weight * probability(one, first, times, noise) for one in tried])
             values = np.array([one.value for one in tried])
@@ -204,7 +218,7 @@ def _beliefs(
             progress((number + 1) / len(every))
     total = (declared + sum(row.belief for row in rows)) or 1.0
     ranked = sorted((replace(row, belief=row.belief / total) for row in rows), key=lambda row: -row.belief)
-    return declared / total, ranked
+    return declared / total, ranked, untried
 
 
 def _effects(ranked: Sequence[_Tried], first: CarriedMotion | None) -> tuple[CarriedEffect, ...]:

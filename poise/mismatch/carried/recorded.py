@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.recording import PoseStream, Recording
 from poise.robot import FrameTree, frames_above, has_topic
-from poise.types import Array, Stamps
+from poise.types import Array, Mask, Stamps
 
 _RATE = 100.0
 """Hz of the grid on which the motion of the base is evaluated."""
@@ -53,6 +53,7 @@ class CarriedRecording:
         noise: m/s2, one sigma of an entry of it.
         objects: tracks by the ids of the scene.
         missing: ids of movable objects without poses.
+        notes: what was left out.
     """
 
     carrier: str
@@ -62,6 +63,7 @@ class CarriedRecording:
     noise: float
     objects: Mapping[str, ObjectTrack]
     missing: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def read_carried(recording: Recording, scene: Assembly, carrier: str = "") -> CarriedRecording:
@@ -93,12 +95,15 @@ def read_carried(recording: Recording, scene: Assembly, carrier: str = "") -> Ca
     stamps = _grid(tree, carrier, world, recording)
     seconds = 1e-9 * (stamps - stamps[0])
     pose, known = tree.poses(carrier, world, stamps)
-    if not known.all():
-        stamps, seconds, pose = stamps[known], seconds[known], Pose(pose.rotation[known], pose.translation[known])
+    kept = _longest(known)
+    notes = () if known.all() else (_left_out(seconds, kept, carrier),)
+    stamps, pose = stamps[kept], Pose(pose.rotation[kept], pose.translation[kept])
+    seconds = 1e-9 * (stamps - stamps[0])
     acceleration, noise = _felt(seconds, pose @ place.inverse, scene, _spacing(tree, carrier, world))
-    tracks = {name: _track(tree, name, carrier, place, stamps) for name in present}
-    missing = tuple(name for name in movable if name not in present)
-    return CarriedRecording(carrier, world, seconds, acceleration, noise, tracks, missing)
+    found = {name: _track(tree, name, carrier, place, stamps) for name in present}
+    tracks = {name: track for name, track in found.items() if track is not None}
+    missing = tuple(name for name in movable if name not in tracks)
+    return CarriedRecording(carrier, world, seconds, acceleration, noise, tracks, missing, notes)
 
 
 def _has_tf(recording: Recording) -> bool:
@@ -145,6 +150,21 @@ def _grid(tree: FrameTree, carrier: str, world: str, recording: Recording) -> St
     return np.arange(stamps[0], stamps[-1], round(1e9 / _RATE), dtype=np.int64)
 
 
+def _longest(known: Mask) -> slice:
+    """The longest stretch of samples that are all known."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(np.int8), [0]])))
+    begins, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - begins))
+    return slice(int(begins[best]), int(ends[best]))
+
+
+def _left_out(seconds: Array, kept: slice, carrier: str) -> str:
+    return (
+        f"the pose of {carrier} has gaps of over {_GAP:g} s: only {seconds[kept.start]:.1f} to"
+        f" {seconds[kept.stop - 1]:.1f} s are used"
+    )
+
+
 def _spacing(tree: FrameTree, carrier: str, world: str) -> float:
     """s between samples of the base's pose."""
     stamps = tree.stamps(tree.path(carrier, world), -(2**62), 2**62)
@@ -175,10 +195,13 @@ def _felt(seconds: Array, pose: Pose, scene: Assembly, spacing: float) -> tuple[
     return np.asarray(gravity - felt), spread
 
 
-def _track(tree: FrameTree, name: str, carrier: str, place: Pose, stamps: Stamps) -> ObjectTrack:
+def _track(tree: FrameTree, name: str, carrier: str, place: Pose, stamps: Stamps) -> ObjectTrack | None:
+    """The track of an object while the base's motion is known; None for too few poses."""
     own = tree.stamps(tree.path(name, None), int(stamps[0]), int(stamps[-1]))
     moving = own if len(own) > 1 else stamps
     pose, known = tree.poses(name, carrier, moving)
+    if np.count_nonzero(known) < _FEWEST:
+        return None
     in_scene = place @ Pose(pose.rotation[known], pose.translation[known])
     seconds = 1e-9 * (moving[known] - stamps[0])
     turn = np.einsum("tji,tjk->tik", in_scene.rotation[:-1], in_scene.rotation[1:])
