@@ -4,10 +4,10 @@ python -m benchmarks.solids [--worlds ...] [--noise MM ...] [--points N ...] [--
 """
 
 import argparse
+import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 from rich.console import Console
@@ -62,10 +62,9 @@ def shapes(world: str, count: int, final: bool) -> list[ClosedShape]:
         return tools()[:count]
     pybullet = world in ("public", "seams")
     first = (_FIRST_FINAL_PUBLIC if pybullet else FIRST_FINAL_SEED) if final else 0
-    numbers = (
-        number for number in range(first, 1000 if pybullet else first + count) if not pybullet or _filled(number)
-    )
-    return [WORLDS[world](number) for number in islice(numbers, count)]
+    numbers = filter(_filled, range(first, 1000)) if pybullet else itertools.count(first)
+    made = (WORLDS[world](number) for number in numbers)
+    return list(itertools.islice((shape for shape in made if len(shape.triangles)), count))  # a blob may be empty
 
 
 def _filled(number: int) -> bool:
