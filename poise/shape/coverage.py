@@ -13,17 +13,20 @@ _BARE_ERROR, _BARE_NOTE = 0.12, 0.045
 """Shares of points without anything behind them: complete clouds had at most 0.03, half ones 0.2 or more."""
 _STD_ERROR, _STD_NOTE = 0.5, 0.2
 """The same of the volume's deviation over the volume."""
+_INSIDE_NOTE = 0.08
+"""Share of points inside the solid: of solid objects at most 0.07."""
 _TWO_SIDED = 0.3
 _SMALL_PIECE = 0.03
 _REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
-def check_coverage(carved: Solid, solid: Solid) -> tuple[str, ...]:
+def check_coverage(carved: Solid, solid: Solid, inside: float = 0.0) -> tuple[str, ...]:
     """Sentences about a solid that is not quite trusted.
 
     Args:
         carved: of the points.
         solid: the same, moved to what explains them, with the uncertainty of its volume.
+        inside: share of the points that lie deep inside.
 
     Raises:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
@@ -40,6 +43,11 @@ def check_coverage(carved: Solid, solid: Solid) -> tuple[str, ...]:
     doubt = solid.volume_std / max(solid.volume, 1e-12)
     if bare > _BARE_NOTE or doubt > _STD_NOTE:
         notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_REMEDY}")
+    if inside > _INSIDE_NOTE:
+        notes.append(
+            f"{inside:.0%} of the points lie inside: the object is hollow, with an opening that is too narrow for their"
+            " spacing, or the cloud has inner faces; its volume is then too large: give more points, or the outside"
+        )
     pieces = piece_volumes(carved) / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:

@@ -33,6 +33,8 @@ HIDDEN_OFF = 2e-3
 """m that surface is off which a scan completed: 1.0 to 2.7 on the tools of benchmarks/scanning.py."""
 _FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.21, 0.01, 1.3
 """Of `_spread`: fitted so that one in twenty development clouds of benchmarks/solids.py is more than 2 sigma off."""
+_BY_INSIDE, _INSIDE = 1.2, 0.03
+"""Of `_spread`, too: what points inside add, and the share of them that solid objects may have."""
 _LEAST_KEPT = 0.03
 """Share of its volume and second moments that every part keeps, or its vertices move less."""
 _HALVINGS = 6
@@ -50,6 +52,7 @@ class Reconstruction:
         rows: (V,) the point of the cloud that each vertex was.
         noise: m, one sigma of the points along each axis.
         spacing: m between vertices.
+        inside: share of the points that lie deep inside: of the walls of a hollow that no ball enters.
     """
 
     solid: Solid
@@ -57,6 +60,7 @@ class Reconstruction:
     rows: Indices
     noise: float
     spacing: float
+    inside: float = 0.0
 
 
 def reconstruct(
@@ -86,9 +90,24 @@ def reconstruct(
     draft = _averaged(draft, points, rng)
     guess = max(draft.noise, _LEAST_NOISE * draft.spacing)
     found = matched(draft.carved, points, guess, draft.spacing, rng, noise is not None)
-    spread = _spread(found.solid, draft, found.noise, None if seen is None else seen[draft.rows])
+    inside = _inside(draft.carved, _DEEP * draft.spacing + _BURIED * found.noise)
+    spread = _spread(found.solid, draft, found.noise, inside, None if seen is None else seen[draft.rows])
     solid = replace(found.solid, volume_std=spread)
-    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing)
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing, inside)
+
+
+def _inside(carved: Solid, depth: float) -> float:
+    """Share of the points that the solid contains, farther than a depth, m, from those on its surface."""
+    vertices = carved.vertices
+    outer = np.zeros(len(vertices), bool)
+    outer[carved.surface[0]] = True
+    buried = np.zeros(len(vertices), bool)
+    buried[carved.tetrahedra] = True
+    buried &= ~outer
+    if not buried.any():
+        return 0.0
+    away = cKDTree(vertices[outer]).query(vertices[buried])[0]
+    return float(np.count_nonzero(away > depth)) / len(vertices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +161,12 @@ def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
     return replace(draft, carved=carved, spacing=spacing)
 
 
-def _spread(solid: Solid, draft: _Draft, noise: float, seen: Mask | None) -> float:
+def _spread(solid: Solid, draft: _Draft, noise: float, inside: float, seen: Mask | None) -> float:
     """m3, one sigma of the volume: what random clouds of known shapes with noise of five families were off.
 
-    The error grows with the square of noise and of spacing over the thickness, and with the share of the volume that
-    balls of other radii would carve otherwise. What a scan completed is off by `HIDDEN_OFF`.
+    The error grows with the square of noise and of spacing over the thickness, with the share of the volume that
+    balls of other radii would carve otherwise, and with the share of the points that lie inside. What a scan completed
+    is off by `HIDDEN_OFF`.
     """
     volume, area = max(solid.volume, _LEAST_KEPT * draft.carved.volume), float(solid.areas.sum())
     thickness = volume / area
@@ -155,6 +175,7 @@ def _spread(solid: Solid, draft: _Draft, noise: float, seen: Mask | None) -> flo
         _BY_NOISE * (noise / thickness) ** 2,
         _BY_SPACING * (draft.spacing / thickness) ** 2,
         _BY_BALL * draft.carved.volume_std / draft.carved.volume,
+        _BY_INSIDE * max(inside - _INSIDE, 0.0),
     ]
     hidden = 0.0
     if seen is not None:

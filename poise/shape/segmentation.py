@@ -129,7 +129,7 @@ def segment(
         InputError: as `carve` and `check_coverage`.
     """
     made = reconstruct(points, options.points, options.noise, normals, seen)
-    notes = check_coverage(made.carved, made.solid)
+    notes = check_coverage(made.carved, made.solid, made.inside)
     few, spacing = made.solid.vertices, made.spacing
     shades = np.zeros_like(few) if colours is None else colours[made.rows]
     graph = surface_graph(made.solid)

@@ -66,6 +66,18 @@ def test_few_points_of_a_cup_are_not_sure_of_its_opening(seed: int, noise: float
     assert abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std
 
 
+def test_points_inside_say_that_an_object_is_hollow() -> None:
+    """A vase with a neck too narrow for the ball, and the same outside without a hollow."""
+    hollow = turned(64)
+    made = segment(cloud(hollow, 0.0, count=10_000))
+    assert made.solid.volume > 1.2 * hollow.volume
+    assert abs(made.solid.volume - hollow.volume) < 2 * made.solid.volume_std
+    assert any("hollow" in note for note in made.notes)
+    solid = segment(cloud(turned(16), 0.0, count=10_000))
+    assert not any("hollow" in note for note in solid.notes)
+    assert solid.solid.volume_std < 0.03 * solid.solid.volume
+
+
 def test_noise_that_is_known_stays() -> None:
     made = reconstruct(cloud(CASES[0], 1e-3), WANTED, noise=1e-3)
     assert made.noise == 1e-3
