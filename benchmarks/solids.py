@@ -119,22 +119,7 @@ def measured(
 def table(records: list[Record], keys: tuple[str, ...]) -> Table:
     """A row per combination of some fields."""
     made = Table(title="volumes", title_justify="left")
-    headings = (
-        "clouds",
-        "refused",
-        "off, middle %",
-        "bias %",
-        "within 15 %",
-        "worst",
-        "stated +- %",
-        "beyond 2 sigma",
-        "rms z",
-        "centre %",
-        "inertia %",
-        "parts",
-        "s",
-    )
-    for heading in (*keys, *headings):
+    for heading in (*keys, *_HEADINGS):
         made.add_column(heading, justify="right")
     groups: dict[tuple[str, ...], list[Record]] = {}
     for one in records:

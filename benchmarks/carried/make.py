@@ -10,7 +10,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from poise.recording import PoseStream, RecordingWriter, encode_stream
@@ -76,9 +75,7 @@ def draw(seed: int) -> Case:
     rng = np.random.default_rng([seed, 4177])
     cause = CAUSES[seed % len(CAUSES)]
     bodies = [_body(rng, number) for number in range(rng.integers(1, 4))]
-    bodies = [
-        Body(**{**vars(b), "place": (0.25 * i - 0.2, rng.uniform(-0.1, 0.1), b.place[2])}) for i, b in enumerate(bodies)
-    ]
+    bodies = [replace(b, place=(0.25 * i - 0.2, rng.uniform(-0.1, 0.1), b.place[2])) for i, b in enumerate(bodies)]
     subject = int(rng.integers(len(bodies)))
     chosen, value = bodies[subject], 0.0
     changed: dict[str, Any] = {}
@@ -104,7 +101,7 @@ def draw(seed: int) -> Case:
         value = float(rng.uniform(0.02, 0.05))
         changed = {"place": (chosen.place[0], chosen.place[1] + value * rng.choice([-1, 1]), chosen.place[2])}
     declared = tuple(chosen if i == subject else b for i, b in enumerate(bodies))
-    true = tuple(Body(**{**vars(b), **(changed if i == subject else {})}) for i, b in enumerate(declared))
+    true = tuple(replace(b, **changed) if i == subject else b for i, b in enumerate(declared))
     name = "" if cause in ("none", "tray_tilt") else chosen.name
     return Case(seed, cause, name, value, declared, true, tilt, push)
 
@@ -120,7 +117,7 @@ def _body(rng: np.random.Generator, number: int) -> Body:
 def _tall(body: Body) -> Body:
     """So tall that it tips before it slips."""
     half = min(body.size[:-1]) / (0.6 * body.friction)
-    return Body(**{**vars(body), "size": (*body.size[:-1], half), "place": (*body.place[:2], half)})
+    return replace(body, size=(*body.size[:-1], half), place=(*body.place[:2], half))
 
 
 def scene_of(case: Case) -> dict[str, Any]:
@@ -134,8 +131,8 @@ def scene_of(case: Case) -> dict[str, Any]:
         objects.append({"id": body.name, **shape, "pose": [*body.place, 0, 0, 0, 1], "mass": body.mass})
     pairs = [{"objects": ["tray", body.name], "coefficient": body.friction} for body in case.declared]
     content = {"gravity": [0, 0, -GRAVITY], "friction": 0.5, "objects": objects, "friction_pairs": pairs}
-    loaded: dict[str, Any] = yaml.safe_load(yaml.safe_dump(_plain(content)))
-    return loaded
+    plain: dict[str, Any] = _plain(content)
+    return plain
 
 
 def _plain(value: Any) -> Any:
@@ -156,10 +153,10 @@ def drive(case: Case) -> tuple[np.ndarray, np.ndarray]:
         way = rng.uniform(-np.pi, np.pi)
         heading = np.array([np.cos(way), np.sin(way)])
         ramp, hold = rng.uniform(0.15, 0.3), rng.uniform(0.1, 0.4)
-        for sign, start in ((1, begin), (-1, begin + ramp + hold), (-1, begin + 2 * ramp + hold + 0.2)):
-            jerk[(times >= start) & (times < start + ramp)] += sign * strength / ramp * heading
         back = begin + 3 * ramp + 2 * hold + 0.2
-        jerk[(times >= back) & (times < back + ramp)] += strength / ramp * heading
+        starts = begin, begin + ramp + hold, begin + 2 * ramp + hold + 0.2, back
+        for sign, start in zip((1, -1, -1, 1), starts, strict=True):
+            jerk[(times >= start) & (times < start + ramp)] += sign * strength / ramp * heading
         begin = back + ramp + rng.uniform(0.1, 0.3)
     return times, np.cumsum(jerk, axis=0) * STEP
 
@@ -246,10 +243,6 @@ def _first(case: Case, poses: list[Snapshot]) -> Seen:
 def write(case: Case, path: Path, poses: list[Snapshot]) -> None:
     """The recording: odometry of the tray, and what a camera sees of the objects, as tf."""
     times, acceleration = drive(case)
-    _write(case, path, times, acceleration, poses)
-
-
-def _write(case: Case, path: Path, times: np.ndarray, acceleration: np.ndarray, poses: list[Snapshot]) -> None:
     rng = np.random.default_rng([case.seed, 21])
     speed = np.cumsum(acceleration, axis=0) * STEP
     place = np.cumsum(speed, axis=0) * STEP

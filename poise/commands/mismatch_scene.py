@@ -64,13 +64,13 @@ def write_scene_picture(path: Path, recording: CarriedRecording, found: CarriedA
 
 
 def scene_json(found: CarriedAnswer, bag: Path, scene: Path) -> dict[str, Any]:
-    """The answer as JSON; numbers that are not finite are null."""
+    """The answer as `write_json` takes it, which makes numbers that are not finite null."""
     return {
         "verdict": found.verdict,
         "effects": [_effect(one) for one in found.effects],
         "seen": [_motion(one) for one in found.seen],
         "predicted": None if found.predicted is None else _motion(found.predicted),
-        "largest_load": _finite(found.most),
+        "largest_load": found.most,
         "as_declared": found.declared,
         "notes": list(found.notes),
         "recordings": [{"bag": str(bag), "start": float(found.seconds[0]), "end": float(found.seconds[-1])}],
@@ -84,8 +84,8 @@ def _effect(effect: CarriedEffect) -> dict[str, Any]:
         "objects": list(effect.objects),
         "belief": effect.belief,
         "parameter": effect.parameter,
-        "value": _finite(effect.value),
-        "std": _finite(effect.deviation),
+        "value": effect.value,
+        "std": effect.deviation,
         "unit": effect.unit,
         "bound": effect.bound,
         "indistinguishable": list(effect.indistinguishable),
@@ -99,13 +99,9 @@ def _motion(motion: CarriedMotion) -> dict[str, Any]:
         "mode": motion.mode,
         "time": motion.time,
         "std": motion.deviation,
-        "moved": _finite(motion.moved),
-        "tilted": _finite(motion.tilted),
+        "moved": motion.moved,
+        "tilted": motion.tilted,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def print_scene(people: Console, found: CarriedAnswer) -> None:

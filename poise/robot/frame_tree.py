@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, are_rotations
-from poise.recording import interpolate, interpolate_rotations
+from poise.recording import PoseStream, interpolate, interpolate_rotations
 from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.types import Mask, Stamps
 
@@ -114,6 +114,15 @@ class FrameTree:
             buffer.clear()
         buffer.extend(times, np.hstack([turns.reshape(-1, 9), shifts]))
         return True
+
+    def add_stream(self, stream: PoseStream) -> bool:
+        """Add recorded transforms; a single one does not change.
+
+        Raises:
+            InputError: as `add`.
+        """
+        pose = stream.rotation_parent_child, stream.translation_parent_child
+        return self.add(stream.stamps, stream.parent, stream.child, *pose, fixed=len(stream) == 1)
 
     @property
     def frames(self) -> tuple[str, ...]:

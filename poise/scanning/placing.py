@@ -96,9 +96,7 @@ def place_by_tf(
     trees = FrameTree(one_parent=False, max_gap=_GAP), FrameTree(one_parent=False, max_gap=_WIDE_GAP)
     for tree in trees:
         for one in transforms:
-            still = len(one.stamps) == 1
-            pose = one.rotation_parent_child, one.translation_parent_child
-            tree.add(one.stamps, one.parent, one.child, *pose, fixed=still)
+            tree.add_stream(one)
         for mounting in fixed:
             pose = mounting.rotation[None], mounting.translation[None]
             tree.add([0], mounting.parent, mounting.child, *pose, fixed=True)

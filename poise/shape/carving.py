@@ -88,8 +88,8 @@ def carve(
         return float(volumes[reach <= ball].sum())
 
     larger = [each for each in _LEAK_BALLS if volume(_BALL) < _LEAK * volume(each)]
-    small = _solid(points, tetrahedra, neighbours, (reach <= _BALL) & (volumes > 0))
-    opening = bool(larger) and bare_share(small) < _SHEETS
+    small = (reach <= _BALL) & (volumes > 0)
+    opening = bool(larger) and bare_share(_solid(points, tetrahedra, neighbours, small)) < _SHEETS
     ball = _BALL if opening else max([_BALL, *larger])
     inside = reach <= ball
     if depth is not None:
@@ -98,7 +98,7 @@ def carve(
     found = _solid(points, tetrahedra, neighbours, inside & (volumes > 0))
     if not len(found.tetrahedra):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    behind = volume(_LEAK_BALLS[-1]) - small.volume if opening else 0.0
+    behind = volume(_LEAK_BALLS[-1]) - volume(_BALL) if opening else 0.0
     return replace(found, volume_std=_doubt(volume, ball, found.volume, behind))
 
 

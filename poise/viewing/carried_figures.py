@@ -1,6 +1,5 @@
 """The picture of a scene on a base that moves: its load over time, and how far the objects moved."""
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
@@ -9,8 +8,6 @@ from poise.viewing.canvas import PALETTE, Panel, add_axes
 
 _SIZE = (720, 190)
 _COLOURS = ("axis-x", "axis-y", "axis-z", "accent", "rejected")
-_FIRST = 12
-"""Samples that show where an object stands."""
 
 
 def carried_panels(recording: CarriedRecording, found: CarriedAnswer) -> list[Panel]:
@@ -33,9 +30,8 @@ def _displacement(recording: CarriedRecording, found: CarriedAnswer) -> Panel:
     def draw(figure: FigureBase) -> None:
         axes = add_axes(figure, "Objects, mm from where they stood on the base")
         for number, (name, track) in enumerate(recording.objects.items()):
-            start = np.median(track.translation[:_FIRST], axis=0)
-            moved = 1e3 * np.linalg.norm(track.translation - start, axis=1)
-            axes.plot(track.seconds, moved, color=PALETTE[_COLOURS[number % len(_COLOURS)]], linewidth=1.1, label=name)
+            colour = PALETTE[_COLOURS[number % len(_COLOURS)]]
+            axes.plot(track.seconds, 1e3 * track.moved, color=colour, linewidth=1.1, label=name)
         axes.set_ylim(0.0, 60.0)
         axes.legend(loc="upper left", fontsize=10, frameon=False)
         _marks(axes, found)

@@ -3,13 +3,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from benchmarks.carried.make import as_declared, draw, scene_of, simulate, write
+from benchmarks.carried.make import Case, Seen, as_declared, draw, scene_of, simulate, write
 from poise.assembly import Assembly, Box, FrictionPair, RigidObject, write_scene
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
@@ -70,6 +71,11 @@ def record(path: Path, acceleration: np.ndarray, moved: np.ndarray, *, lean: flo
     seen = seen + rng.normal(scale=5e-4, size=seen.shape)
     box = PoseStream(stamps[shots], np.tile(np.eye(3), (len(seen), 1, 1)), seen, "tray", "box")
     topics = {"odom" if odom else "tf": [carried], "tf": [box] if odom else [carried, box]}
+    return write_bag(path, topics)
+
+
+def write_bag(path: Path, topics: dict[str, list[PoseStream]]) -> Path:
+    """A bag of poses as tf and odom."""
     with RecordingWriter(path) as writer:
         for name, streams in topics.items():
             writer.add_topic(name, "nav_msgs/msg/Odometry" if name == "odom" else "tf2_msgs/msg/TFMessage")
@@ -148,26 +154,20 @@ def test_a_base_that_leans_in_tf_is_part_of_the_prediction(tmp_path: Path) -> No
     assert found.most == pytest.approx(np.tan(np.deg2rad(10)) / FRICTION, rel=0.02)
 
 
+def answered(case: Case, folder: Path) -> tuple[dict[str, Any], Seen]:
+    """What the command says of a case that MuJoCo moves, and what happened."""
+    seen, poses = simulate(case)
+    bag, declared, target = folder / "run.mcap", folder / "scene.yaml", folder / "answer.json"
+    write(case, bag, poses)
+    declared.write_text(yaml.safe_dump(scene_of(case)))
+    assert run(["mismatch", str(bag), "--scene", str(declared), "--json", str(target)]) == 0
+    return json.loads(target.read_text()), seen
+
+
 def test_a_higher_centre_of_mass_has_a_rounded_edge_as_rival(tmp_path: Path) -> None:
     """The tall can of seed 25 tips earlier than its scene file says."""
     case = draw(25)
-    seen, poses = simulate(case)
-    write(case, tmp_path / "run.mcap", poses)
-    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(case)))
-    assert (
-        run(
-            [
-                "mismatch",
-                str(tmp_path / "run.mcap"),
-                "--scene",
-                str(tmp_path / "scene.yaml"),
-                "--json",
-                str(tmp_path / "a.json"),
-            ]
-        )
-        == 0
-    )
-    answer = json.loads((tmp_path / "a.json").read_text())
+    answer, seen = answered(case, tmp_path)
     assert answer["verdict"] == "named"
     assert answer["effects"][0]["name"] == "com_height"
     assert answer["effects"][0]["value"] == pytest.approx(case.value, rel=0.35)
@@ -178,17 +178,7 @@ def test_a_higher_centre_of_mass_has_a_rounded_edge_as_rival(tmp_path: Path) -> 
 def test_mujoco_agrees_with_the_engine(tmp_path: Path) -> None:
     """What is as declared has no cause."""
     for seed in (1, 10, 21):
-        case = as_declared(draw(seed))
-        write(case, tmp_path / "run.mcap", simulate(case)[1])
-        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene_of(case)))
-        target = tmp_path / "a.json"
-        assert (
-            run(
-                ["mismatch", str(tmp_path / "run.mcap"), "--scene", str(tmp_path / "scene.yaml"), "--json", str(target)]
-            )
-            == 0
-        )
-        assert json.loads(target.read_text())["verdict"] == "none"
+        assert answered(as_declared(draw(seed)), tmp_path)[0]["verdict"] == "none"
 
 
 def test_bad_recordings_and_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,12 +215,7 @@ def test_a_gap_in_the_motion_of_the_base_is_no_acceleration(tmp_path: Path) -> N
     holed = PoseStream(
         tray.stamps[gone], tray.rotation_parent_child[gone], tray.translation_parent_child[gone], "odom", "tray"
     )
-    with RecordingWriter(tmp_path / "holed.mcap") as writer:
-        writer.add_topic("tf", "tf2_msgs/msg/TFMessage")
-        messages = [each for stream in (holed, box) for each in encode_stream("tf", stream)]
-        for stamp, content in sorted(messages, key=lambda one: one[0]):
-            writer.write("tf", stamp, content)
-    found = examined(tmp_path / "holed.mcap", scene())
+    found = examined(write_bag(tmp_path / "holed.mcap", {"tf": [holed, box]}), scene())
     assert any("gaps" in note for note in found.notes)
     assert found.seconds[-1] == pytest.approx(5.0, abs=0.1)
     assert found.most < 0.6

@@ -3,13 +3,13 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poise.assembly import Analysis, Assembly
 from poise.errors import InputError
-from poise.geometry import Pose
+from poise.geometry import Pose, vector_of_rotation
 from poise.mismatch.carried.causes import (
     DECLARED_WITHIN,
     Candidate,
@@ -21,7 +21,7 @@ from poise.mismatch.carried.causes import (
 )
 from poise.mismatch.carried.events import CarriedMotion, motions
 from poise.mismatch.carried.prediction import Loading, loading, mode_at
-from poise.mismatch.carried.recorded import CarriedRecording, ObjectTrack
+from poise.mismatch.carried.recorded import CarriedRecording
 from poise.types import Array, Progress
 
 _DECLARED, _PUSH = 0.5, 0.05
@@ -30,7 +30,6 @@ _NAMED, _RIVAL = 0.5, 0.1
 """Probability from which on a cause is named, and from which on another one is its rival."""
 _ELSEWHERE, _TURNED = 0.01, np.deg2rad(3.0)
 """m and rad that an object may be off its place."""
-_FIRST = 0.4
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,8 @@ class CarriedAnswer:
         effects: the causes, the likeliest first.
         seen: what moved.
         predicted: what the scene as declared predicts; None: nothing moves.
-        most: largest load of the scene as declared: the acceleration over its limit.
         declared: probability that the scene is as declared.
-        loading, seconds, acceleration: of the scene as declared, (T,), (T,) s, (T, 3) m/s2.
+        loading, seconds: of the scene as declared, (T,), (T,) s.
         notes: what to read it with.
     """
 
@@ -78,12 +76,15 @@ class CarriedAnswer:
     effects: tuple[CarriedEffect, ...]
     seen: tuple[CarriedMotion, ...]
     predicted: CarriedMotion | None
-    most: float
     declared: float
     loading: Loading
     seconds: Array
-    acceleration: Array
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+
+    @property
+    def most(self) -> float:
+        """The largest load of the scene as declared: the acceleration over its limit."""
+        return float(self.loading.most[-1])
 
 
 def examine_carried(
@@ -109,10 +110,9 @@ def examine_carried(
     notes = [*recording.notes, *notes]
     seen = motions(recording.objects, there)
     first = seen[0] if seen else None
-    times, felt = recording.seconds, recording.acceleration
-    nominal = loading(there, felt)
+    nominal = loading(there, recording.acceleration)
     predicted = _predicted(there, nominal, recording)
-    declared, ranked, untried = _beliefs(recording, there, first, predicted, end, progress)
+    declared, ranked, untried = _beliefs(recording, there, nominal, first or predicted, first, end, progress)
     if untried:
         notes.append(f"the deadline left no time for {', '.join(untried)}")
     found = _effects(ranked, first)
@@ -120,9 +120,7 @@ def examine_carried(
         notes.append(f"tf has no pose of {', '.join(recording.missing)}: whether they moved is not known")
     verdict = _verdict(declared, () if untried else found, bool(displaced))
     effects = (*displaced, *(found if verdict in ("named", "mixed") and declared < _NAMED else ()))
-    return CarriedAnswer(
-        verdict, effects, seen, predicted, float(nominal.most[-1]), declared, nominal, times, felt, tuple(notes)
-    )
+    return CarriedAnswer(verdict, effects, seen, predicted, declared, nominal, recording.seconds, tuple(notes))
 
 
 def _verdict(declared: float, found: Sequence[CarriedEffect], displaced: bool) -> str:
@@ -138,10 +136,9 @@ def _placed(recording: CarriedRecording, scene: Assembly) -> tuple[list[CarriedE
     effects, poses, notes = list[CarriedEffect](), dict[str, Pose](), list[str]()
     for name, track in recording.objects.items():
         item = scene.objects[scene.place_of(name)]
-        pose = _at_first(track)
+        pose = track.start
         shift = pose.translation - item.pose.translation
-        turn = item.pose.rotation.T @ pose.rotation
-        angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+        angle = float(np.linalg.norm(vector_of_rotation(item.pose.rotation.T @ pose.rotation)))
         off = float(np.linalg.norm(shift))
         if off > max(_ELSEWHERE, 4 * track.noise[0]) or angle > max(_TURNED, 4 * track.noise[1]):
             words = f"{name} stands {1e3 * off:.0f} mm and {np.rad2deg(angle):.0f} deg from where the scene has it"
@@ -159,13 +156,6 @@ def _placed(recording: CarriedRecording, scene: Assembly) -> tuple[list[CarriedE
         notes.append(f"objects do not fit together where tf has them ({error.message}): the scene's poses are used")
         return effects, scene, notes
     return effects, moved, notes
-
-
-def _at_first(track: ObjectTrack) -> Pose:
-    first = max(int(np.searchsorted(track.seconds, track.seconds[0] + _FIRST)), 1)
-    left, _, right = np.linalg.svd(track.rotation[:first].sum(axis=0))
-    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    return Pose(turn, np.median(track.translation[:first], axis=0))
 
 
 def _predicted(scene: Assembly, nominal: Loading, recording: CarriedRecording) -> CarriedMotion | None:
@@ -190,8 +180,9 @@ class _Tried:
 def _beliefs(
     recording: CarriedRecording,
     scene: Assembly,
+    nominal: Loading,
+    subject: CarriedMotion | None,
     first: CarriedMotion | None,
-    predicted: CarriedMotion | None,
     end: float,
     progress: Progress,
 ) -> tuple[float, list[_Tried], list[str]]:
@@ -202,8 +193,7 @@ def _beliefs(
     rows, untried = list[_Tried](), list[str]()
     if first is not None:
         pushed = SceneCause("push", (first.object,), "", "", _PUSH, lambda: iter(()))
-        rows.append(_Tried(pushed, _PUSH * by_chance(loading(scene, felt), first, times, noise), none, none))
-    subject = first or predicted
+        rows.append(_Tried(pushed, _PUSH * by_chance(nominal, first, times, noise), none, none))
     if subject is not None:
         way = felt[min(int(np.searchsorted(times, subject.time)), len(felt) - 1)]
         every = families(scene, felt, subject.object, way)

@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from poise.assembly import Analysis, Assembly, FrictionPair
 from poise.errors import PoiseError
-from poise.geometry import Pose
+from poise.geometry import Pose, rotation_about, unit
 from poise.mismatch.carried.events import CarriedMotion, height_of
 from poise.mismatch.carried.prediction import Loading, loading, mode_at
+from poise.mismatch.carried.recorded import GRID_RATE
 from poise.types import Array
 
 DECLARED_WITHIN = 0.08
@@ -139,7 +139,7 @@ def families(scene: Assembly, acceleration: Array, mover: str, way: Array) -> li
 
 def supporters(scene: Assembly, name: str) -> list[str]:
     """Ids of what an object touches, and does not lie on it."""
-    up = -np.asarray(scene.gravity) / np.linalg.norm(scene.gravity)
+    up = -unit(np.asarray(scene.gravity))
     place = scene.place_of(name)
     found = []
     for block in Analysis.of(scene).blocks:
@@ -163,7 +163,7 @@ def _rubbing(scene: Assembly, acceleration: Array, mover: str, other: str) -> Ca
 
 def _raised(scene: Assembly, acceleration: Array, mover: str) -> Iterator[Candidate]:
     item = scene.objects[scene.place_of(mover)]
-    up = -np.asarray(scene.gravity) / np.linalg.norm(scene.gravity)
+    up = -unit(np.asarray(scene.gravity))
     height = height_of(scene, mover)
     room = float((item.vertices @ up).max() - item.com_in_world @ up)
     shares = np.linspace(*_HEIGHTS)
@@ -177,17 +177,17 @@ def _raised(scene: Assembly, acceleration: Array, mover: str) -> Iterator[Candid
 def _tilted(scene: Assembly, acceleration: Array, way: Array) -> Iterator[Candidate]:
     """A tray whose uphill side is where the base accelerates to: both make the object move backwards."""
     gravity = np.asarray(scene.gravity)
-    up = -gravity / np.linalg.norm(gravity)
+    up = -unit(gravity)
     level = way - (way @ up) * up
     axis = np.cross(level, up) / max(float(np.linalg.norm(level)), 1e-9)
     for sign in (1.0, -1.0):
         for angle in np.linspace(*_TILTS):
-            turn = Rotation.from_rotvec(-sign * angle * axis).as_matrix()
+            turn = rotation_about(axis, -sign * angle)
             leaning = gravity - turn @ gravity
             yield Candidate(float(sign * angle), 0.5 / _TILTS[2], scene, acceleration + leaning)
 
 
-def _sloshing(scene: Assembly, acceleration: Array, mover: str, rate: float = 100.0) -> Iterator[Candidate]:
+def _sloshing(scene: Assembly, acceleration: Array, mover: str) -> Iterator[Candidate]:
     """A part of the mass that swings: its force follows the acceleration late, exceeds it, and it moves off the middle.
 
     The weight that is off the middle tips the object as a further acceleration does.
@@ -195,7 +195,7 @@ def _sloshing(scene: Assembly, acceleration: Array, mover: str, rate: float = 10
     gravity, height = float(np.linalg.norm(scene.gravity)), height_of(scene, mover)
     for frequency in _SLOSH:
         omega = 2 * np.pi * float(frequency)
-        swing = _resonant(acceleration, omega, 1 / rate)
+        swing = _resonant(acceleration, omega, 1 / GRID_RATE)
         for share in _LIQUID:
             felt = (1 - share) * acceleration + share * (1 + gravity / (omega**2 * height)) * swing
             yield Candidate(float(frequency), 1 / (len(_SLOSH) * len(_LIQUID)), scene, felt)

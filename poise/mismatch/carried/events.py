@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.assembly import Assembly
+from poise.geometry import unit
 from poise.mismatch.carried.recorded import ObjectTrack
 from poise.types import Array
 
@@ -14,8 +15,6 @@ _MOVED, _TIPPED = 2e-3, np.deg2rad(1.5)
 _SIGMAS = 6.0
 _LASTING = 2
 """Samples in a row."""
-_FIRST = 0.4
-"""s at the beginning that show where the object stands."""
 _BACK, _AFTER = 0.5, 0.08
 """s before and after the detection that the beginning is fitted to."""
 _LEANS = 0.3
@@ -51,12 +50,12 @@ def motions(tracks: Mapping[str, ObjectTrack], scene: Assembly) -> tuple[Carried
 def height_of(scene: Assembly, name: str) -> float:
     """m of the centre of mass over the lowest point of the object."""
     item = scene.objects[scene.place_of(name)]
-    up = -np.asarray(scene.gravity) / np.linalg.norm(scene.gravity)
+    up = -unit(np.asarray(scene.gravity))
     return float(item.com_in_world @ up - (item.vertices @ up).min())
 
 
 def _motion(name: str, track: ObjectTrack, height: float) -> CarriedMotion | None:
-    moved, tilted = _away(track)
+    moved, tilted = track.moved, _tilted(track)
     at_moved = _first(moved, max(_MOVED, _SIGMAS * track.noise[0]))
     at_tilted = _first(tilted, max(_TIPPED, _SIGMAS * track.noise[1]))
     starts = [at for at in (at_moved, at_tilted) if at is not None]
@@ -70,14 +69,10 @@ def _motion(name: str, track: ObjectTrack, height: float) -> CarriedMotion | Non
     return CarriedMotion(name, "tip" if leans else "slip", time, deviation, float(moved.max()), float(tilted.max()))
 
 
-def _away(track: ObjectTrack) -> tuple[Array, Array]:
-    """(N,) m and rad from where the object stood at first."""
-    first = max(int(np.searchsorted(track.seconds, track.seconds[0] + _FIRST)), 1)
-    moved = np.linalg.norm(track.translation - np.median(track.translation[:first], axis=0), axis=1)
+def _tilted(track: ObjectTrack) -> Array:
+    """(N,) rad from how the object stood at first."""
     up = track.rotation[:, 2, :]  # the scene's vertical in the object's axes: turning about it is no tipping
-    start = np.median(up[:first], axis=0)
-    start /= np.linalg.norm(start)
-    return moved, np.arccos(np.clip(up @ start, -1.0, 1.0))
+    return np.arccos(np.clip(up @ unit(np.median(up[track.first], axis=0)), -1.0, 1.0))
 
 
 def _first(values: Array, limit: float) -> int | None:

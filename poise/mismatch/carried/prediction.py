@@ -54,11 +54,12 @@ def loading(scene: Assembly, acceleration: Array) -> Loading:
 
 
 def mode_at(scene: Assembly, acceleration: Array) -> tuple[str, tuple[str, ...]]:
-    """ "slip" or "tip", and the ids of what moves first under an acceleration (3,) that grows in its direction."""
+    """How a scene moves, "slip" or "tip", and what moves first, under an acceleration (3,) that grows."""
     asked = acceleration[None] / max(float(np.linalg.norm(acceleration)), 1e-9)
-    if not Analysis.of(scene).stability().stable:
+    analysis = Analysis.of(scene)
+    if not analysis.stability().stable:
         return "tip", ()
-    found = acceleration_limits(scene, asked, turning=False)
+    found = acceleration_limits(analysis, asked, turning=False)
     pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
     rough = replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
     tips = acceleration_limits(rough, asked, turning=False).limits[0]

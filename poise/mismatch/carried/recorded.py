@@ -2,18 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from poise.assembly import Assembly
 from poise.errors import ErrorCode, InputError
-from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.geometry import Pose, nearest_rotation
 from poise.recording import PoseStream, Recording
 from poise.robot import FrameTree, frames_above, has_topic
 from poise.types import Array, Mask, Stamps
 
-_RATE = 100.0
+GRID_RATE = 100.0
 """Hz of the grid on which the motion of the base is evaluated."""
 _WINDOW, _FEWEST, _ORDER = 0.16, 7, 3
 """s and samples of the shortest stretch that a cubic is fitted to, whose second derivative is the acceleration."""
@@ -21,6 +22,8 @@ _GAP = 0.5
 """s between transforms across which a pose is interpolated."""
 _LEAST = 1.0
 """s of a recording."""
+_FIRST = 0.4
+"""s at the beginning that show where an object stands."""
 _NORMAL = 1.4826
 """Standard deviation over median absolute deviation."""
 
@@ -39,6 +42,22 @@ class ObjectTrack:
     rotation: Array
     translation: Array
     noise: tuple[float, float]
+
+    @property
+    def first(self) -> slice:
+        """The samples that show where the object stands."""
+        return slice(0, max(int(np.searchsorted(self.seconds, self.seconds[0] + _FIRST)), 1))
+
+    @cached_property
+    def start(self) -> Pose:
+        """Where it stands at first."""
+        turn = nearest_rotation(self.rotation[self.first].sum(axis=0))
+        return Pose(turn, np.median(self.translation[self.first], axis=0))
+
+    @cached_property
+    def moved(self) -> Array:
+        """(N,) m from there."""
+        return np.asarray(np.linalg.norm(self.translation - self.start.translation, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +96,7 @@ def read_carried(recording: Recording, scene: Assembly, carrier: str = "") -> Ca
     Raises:
         InputError: FRAME_UNKNOWN for frames that tf lacks, EMPTY for a recording that is too short.
     """
-    pairs = recording.frame_parents() if _has_tf(recording) else []
+    pairs = recording.frame_parents()
     children, frames = {child for child, _ in pairs}, {name for pair in pairs for name in pair}
     fixed = [item.id for item in scene.objects if item.fixed]
     carrier = carrier or next((name for name in fixed if name in frames), "")
@@ -92,22 +111,17 @@ def read_carried(recording: Recording, scene: Assembly, carrier: str = "") -> Ca
         )
     tree, world = _tree(recording, carrier, present)
     place = next((item.pose for item in scene.objects if item.fixed and item.id == carrier), Pose.identity())
-    stamps = _grid(tree, carrier, world, recording)
-    seconds = 1e-9 * (stamps - stamps[0])
+    stamps, spacing = _grid(tree, carrier, world, recording)
     pose, known = tree.poses(carrier, world, stamps)
     kept = _longest(known)
-    notes = () if known.all() else (_left_out(seconds, kept, carrier),)
+    notes = () if known.all() else (_left_out(1e-9 * (stamps - stamps[0]), kept, carrier),)
     stamps, pose = stamps[kept], Pose(pose.rotation[kept], pose.translation[kept])
     seconds = 1e-9 * (stamps - stamps[0])
-    acceleration, noise = _felt(seconds, pose @ place.inverse, scene, _spacing(tree, carrier, world))
+    acceleration, noise = _felt(seconds, pose @ place.inverse, scene, spacing)
     found = {name: _track(tree, name, carrier, place, stamps) for name in present}
     tracks = {name: track for name, track in found.items() if track is not None}
     missing = tuple(name for name in movable if name not in tracks)
     return CarriedRecording(carrier, world, seconds, acceleration, noise, tracks, missing, notes)
-
-
-def _has_tf(recording: Recording) -> bool:
-    return has_topic(recording, "tf") or has_topic(recording, "tf_static")
 
 
 def _tree(recording: Recording, carrier: str, objects: list[str]) -> tuple[FrameTree, str]:
@@ -120,8 +134,7 @@ def _tree(recording: Recording, carrier: str, objects: list[str]) -> tuple[Frame
         odometry = recording.odometry()
         streams.setdefault(odometry.child, odometry)
     for one in streams.values():
-        pose = one.rotation_parent_child, one.translation_parent_child
-        tree.add(one.stamps, one.parent, one.child, *pose, fixed=len(one.stamps) == 1)
+        tree.add_stream(one)
     path = tree.path(carrier, None)
     if not path:
         raise InputError(
@@ -140,14 +153,16 @@ def _moves(streams: Mapping[str, PoseStream], frame: str) -> bool:
     return False
 
 
-def _grid(tree: FrameTree, carrier: str, world: str, recording: Recording) -> Stamps:
+def _grid(tree: FrameTree, carrier: str, world: str, recording: Recording) -> tuple[Stamps, float]:
+    """Even stamps (ns), and s between the recorded samples of the base's pose."""
     stamps = tree.stamps(tree.path(carrier, world), -(2**62), 2**62)
     if len(stamps) < 2 or stamps[-1] - stamps[0] < _LEAST * 1e9:
         raise InputError(
             ErrorCode.EMPTY,
             f"{recording.path}: the pose of {carrier} in {world} is recorded for less than {_LEAST:g} s",
         )
-    return np.arange(stamps[0], stamps[-1], round(1e9 / _RATE), dtype=np.int64)
+    grid = np.arange(stamps[0], stamps[-1], round(1e9 / GRID_RATE), dtype=np.int64)
+    return grid, float(np.median(np.diff(stamps))) * 1e-9
 
 
 def _longest(known: Mask) -> slice:
@@ -165,18 +180,12 @@ def _left_out(seconds: Array, kept: slice, carrier: str) -> str:
     )
 
 
-def _spacing(tree: FrameTree, carrier: str, world: str) -> float:
-    """s between samples of the base's pose."""
-    stamps = tree.stamps(tree.path(carrier, world), -(2**62), 2**62)
-    return float(np.median(np.diff(stamps))) * 1e-9
-
-
 def _felt(seconds: Array, pose: Pose, scene: Assembly, spacing: float) -> tuple[Array, float]:
     """(T, 3) m/s2, and one sigma: the acceleration of an upright scene that feels the same (see `CarriedRecording`).
 
     It is that of the middle of the objects, which a base that turns accelerates, too.
     """
-    step, gravity = 1 / _RATE, np.asarray(scene.gravity)
+    step, gravity = 1 / GRID_RATE, np.asarray(scene.gravity)
     middle = np.mean([item.com_in_world for item in scene.objects if not item.fixed], axis=0)
     window = 2 * int(np.ceil(max(_WINDOW, _FEWEST * spacing) / (2 * step))) + 1
     window = min(window, len(seconds) - 1 + len(seconds) % 2)
@@ -190,7 +199,7 @@ def _felt(seconds: Array, pose: Pose, scene: Assembly, spacing: float) -> tuple[
     )
     samples = max(step, spacing) / step  # neighbours on the grid are interpolated between the same samples
     spread = noise * float(np.linalg.norm(savgol_coeffs(window, _ORDER, deriv=2, delta=step))) * np.sqrt(samples)
-    down = np.array([0.0, 0.0, -(np.linalg.norm(gravity) or STANDARD_GRAVITY)])
+    down = np.array([0.0, 0.0, -np.linalg.norm(gravity)])
     felt = np.einsum("tji,tj->ti", pose.rotation, down - second)
     return np.asarray(gravity - felt), spread
 
