@@ -14,6 +14,8 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.reading import NominalModel, joined, parse_model, read_streams
 from poise.recording import JointStream, PoseStream, write_recording
+from poise.robot import RobotModel
+from poise.simulation import FourierTrajectory, IdealRobot
 from poise.types import Array
 
 TURN = urdf(("turn", "revolute", "0 1 0"))
@@ -37,6 +39,22 @@ def test_friction_is_named_from_joint_efforts_alone(text: str) -> None:
     assert found.main.proof.augmented < 0.5 * found.main.proof.nominal
     healthy = read(Recorded(text).joints(), text)
     assert not diagnose(healthy.recorded, healthy.model, library=effects_called(["viscous_friction"])).findings
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_load_on_one_axis_is_not_a_gain_and_a_rotor(seed: int) -> None:
+    """A gain and a rotor have the response of a load here, with fewer parameters each: one cause is simpler."""
+    robot, rng = RobotModel.from_urdf(TURN, "link_1"), np.random.default_rng(seed)
+    at = np.arange(2000) / 125.0
+    moved = FourierTrajectory.random(robot, rng, duration=16.0, speed=1.0, frequency=0.3).at(at)
+    load = np.array([0.5, 0.025, 0.0, 0.0, 0.01, 0.0, 0.0, 0.01125, 0.0, 0.01])
+    effort = IdealRobot(robot, load).effort(moved) + 0.05 * rng.normal(size=(len(at), 1))
+    position = moved.position + 1e-5 * rng.normal(size=effort.shape)
+    stamps = np.round((at + 100.0) * 1e9).astype(np.int64)
+    reading = read(JointStream(stamps, robot.joint_names, position, moved.velocity, effort), TURN)
+    tried = ["motor_gain", "motor_inertia", "payload_parameters", "viscous_friction", "coulomb_friction"]
+    (named,) = diagnose(reading.recorded, reading.model, library=effects_called(tried)).findings
+    assert named.effect.name == "payload_parameters"
 
 
 def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() -> None:

@@ -14,36 +14,45 @@ from poise.mismatch.effects.joint_friction import (
     listed,
     numbers,
     sense,
-    transitions,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
+_INERTIAL = EffectParameter("inertial", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)
+
 
 class LoadDependentFriction(Effect):
-    """tau_j = r_j |tau_rigid_j| tanh(v_j / width): a gear's loss in proportion to what it transmits."""
+    """tau_j = r_j |load_j| tanh(v_j / width): a gear's loss in proportion to what it transmits.
+
+    The load is all of the rigid-body torque, or what is left of it at constant speed: where the inertia of the joint
+    is that of its rotor, on the other side of the gear, the gear does not transmit it.
+    """
 
     name = "load_dependent_friction"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_j = ratio_j |tau_rigid_j| tanh(v_j / transition)"
+    equation = "dtau_j = ratio_j |tau_j| tanh(v_j / transition), tau = tau_rigid or tau_rigid - M a"
     source = "Hamon, Gautier, Garrec 2010; Bittencourt and Gunnarsson 2012 (friction of a robot joint against its load)"
     excited_by = "reversals under a heavy and under a light load"
     separating_motion = "the same slow strokes with the arm stretched and folded: this friction grows with the reach"
     confused_with = ("coulomb_friction", "stribeck_friction", "viscous_friction")
     needs = ("effort",)
-    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION}
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "inertial": 1.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         ratios = (EffectParameter(f"ratio_{i}", "", 0.08, positive=True) for i in numbers(recorded))
-        return (TRANSITION, *ratios)
+        return (TRANSITION, _INERTIAL, *ratios)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
-        yield from transitions()
+        for inertial in (1.0, 0.0):
+            for width in (0.006, 0.03):
+                yield {_INERTIAL.name: inertial, TRANSITION.name: width}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        return each_joint(np.abs(efforts(recorded).rigid) * sense(recorded, nonlinear["transition"]))
+        track = efforts(recorded)
+        load = track.rigid if nonlinear[_INERTIAL.name] else track.rigid - track.accelerating
+        return each_joint(np.abs(load) * sense(recorded, nonlinear["transition"]))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [100.0 * values[f"ratio_{i}"] for i in numbers(recorded)], "%")

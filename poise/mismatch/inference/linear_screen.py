@@ -110,7 +110,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
 def _follows(effect: Effect, problem: Problem) -> bool:
     """Whether the starting points of an effect follow a residual: it chooses a joint, or a place and a time."""
     parameters = effect.parameters(problem.recorded)
-    chooses = any(p.choice for p in parameters)
+    chooses = any(p.choice and p.low >= 1.0 for p in parameters)  # joints are numbered from 1
     return chooses or (effect.layer != "friction" and not all(p.linear for p in parameters))
 
 

@@ -4,7 +4,8 @@ A search adds one effect at a time. An effect that came early was never compared
 later. Each one is therefore compared with the whole library in its place, under the noise that the answer leaves.
 """
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,8 @@ _CANDIDATE = 0.3
 _SAME = 0.01
 """Energy of the difference of two responses, relative to theirs, below which they are the same."""
 _STEPS = 4
+_TRIED = 3
+"""Better effects that are tried in the place of one."""
 _MOST, _SMOOTHED = 0.5, 0.15
 """Share of the smoothing that a delay leaves, below which it explains most of it; least smoothing that shows."""
 
@@ -133,31 +136,64 @@ def _near(state: HypothesisSearch, part: FittedEffect, other: Effect) -> bool:
 def improved(
     state: HypothesisSearch, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
 ) -> HypothesisFit | None:
-    """The answer with one effect replaced by another that does better, or as well with fewer parameters.
+    """The answer with one effect in the place of one or two others, where it does better, or as well and is simpler.
 
     Returns:
         None where every effect is at its place.
     """
     problem = state.under(found)
-    for part, candidates in zip(found.parts, instead, strict=True):
-        own = candidates.get(part.effect.name)
-        if own is None or isinstance(part.effect, FreeCurve):
-            continue
-        best = _simplest(problem, own, candidates)
-        others = tuple(other for other in found.parts if other is not part)
-        key = tuple(sorted((*(other.effect.name for other in others), best.effect.name)))
-        if best is own or key in state.replaced:
+    for replaced, best in (*_single(problem, found, instead), *_pairs(problem, found, instead)):
+        kept = tuple(part for part in found.parts if part not in replaced)
+        key = tuple(sorted((*(part.effect.name for part in kept), best.effect.name)))
+        if key in state.replaced:
             continue
         state.replaced.add(key)
-        tried = _fitted(state, problem, (*others, FittedEffect(best.effect, best.values)))
+        tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
         now = _fitted(state, problem, found.parts)
         if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not _pressed(problem, tried):
             return tried
     return None
 
 
-def _simplest(problem: Problem, own: EffectCandidate, candidates: Mapping[str, EffectCandidate]) -> EffectCandidate:
-    """Of the effects that win about as much as the best one, that with the fewest parameters; itself, if it is one.
+def _single(
+    problem: Problem, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate]]:
+    """Each effect of an answer with those that are simpler or better in its place."""
+    for part, candidates in zip(found.parts, instead, strict=True):
+        own = candidates.get(part.effect.name)
+        if own is not None and not isinstance(part.effect, FreeCurve):
+            yield from (((part,), each) for each in _simpler(problem, own, candidates))
+
+
+def _pairs(
+    problem: Problem, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate]]:
+    """Each two effects of an answer with those that do as well in the place of either: one cause is simpler than two.
+
+    A search that adds one effect at a time may explain a cause by two that have fewer parameters each.
+    """
+    for (first, of_first), (second, of_second) in itertools.combinations(zip(found.parts, instead, strict=True), 2):
+        pair = {first.effect.name, second.effect.name}
+        own = of_first.get(first.effect.name)
+        if own is None or isinstance(first.effect, FreeCurve) or isinstance(second.effect, FreeCurve):
+            continue
+        shared = (of_first[name] for name in of_first.keys() & of_second.keys() - pair)
+        equal = [
+            each for each in shared if each.gain > own.gain - EQUAL_EVIDENCE and not pair & set(each.effect.made_of)
+        ]
+        for each in sorted(equal, key=lambda one: _size(problem, one))[:_TRIED]:
+            yield (first, second), each
+
+
+def _size(problem: Problem, each: EffectCandidate) -> tuple[bool, int, float]:
+    """The order of candidates: general ones last, then by the number of parameters, then the best first."""
+    return each.effect.general, sum(not p.choice for p in each.effect.parameters(problem.recorded)), -each.gain
+
+
+def _simpler(
+    problem: Problem, own: EffectCandidate, candidates: Mapping[str, EffectCandidate]
+) -> list[EffectCandidate]:
+    """Effects that win about as much as the best one, those with the fewest parameters first, up to the effect itself.
 
     One that contains it must win clearly more: no model is exact, and more parameters fit the remaining details. A
     general one counts as larger than all others.
@@ -166,12 +202,10 @@ def _simplest(problem: Problem, own: EffectCandidate, candidates: Mapping[str, E
     named = [each for each in candidates.values() if not isinstance(each.effect, FreeCurve)]
     named = [each for each in named if name not in each.effect.made_of or each.gain > more]
     top = max(each.gain for each in named)
-    equal = [each for each in named if each.gain > top - EQUAL_EVIDENCE]
-    sizes = {each.effect.name: (each.effect.general, len(each.effect.parameters(problem.recorded))) for each in equal}
-    least = min(sizes.values())
-    if sizes.get(name) == least:
-        return own
-    return max((each for each in equal if sizes[each.effect.name] == least), key=lambda each: each.gain)
+
+    ranked = sorted((each for each in named if each.gain > top - EQUAL_EVIDENCE), key=lambda each: _size(problem, each))
+    least = next((_size(problem, each)[:2] for each in ranked if each is own), None)
+    return [each for each in ranked if least is None or _size(problem, each)[:2] < least][:_TRIED]
 
 
 def _fitted(state: HypothesisSearch, problem: Problem, parts: tuple[FittedEffect, ...]) -> HypothesisFit:

@@ -114,6 +114,11 @@ class EffortTrack:
     prismatic: tuple[str, ...] = ()
     stated: tuple[JointPhysics, ...] = ()
 
+    @property
+    def accelerating(self) -> Array:
+        """(M, J) the part of `rigid` that accelerations need: the joint-space inertia times them."""
+        return np.asarray(np.einsum("mij,mj->mi", self.by_acceleration, self.acceleration))
+
     def select(self, rows: Mask) -> "EffortTrack":
         """The samples of a mask (M,)."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -28,8 +28,8 @@ def test_friction_takes_energy_and_never_gives_any():
         assert np.abs(found).max() > 0.1
 
 
-def ratios(value):
-    return {"transition": COULOMB_TRANSITION} | {f"ratio_{i}": value for i in JOINTS}
+def ratios(value, inertial=1.0):
+    return {"inertial": inertial, "transition": COULOMB_TRANSITION} | {f"ratio_{i}": value for i in JOINTS}
 
 
 def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
@@ -43,6 +43,16 @@ def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
     np.testing.assert_allclose(wet, velocity * 0.5 * np.arange(1, 7), atol=1e-12)
     load = response("load_dependent_friction", at, **ratios(0.1))
     np.testing.assert_allclose(np.abs(load[fast]), 0.1 * np.abs(at.effort.rigid[fast]), rtol=1e-3)
+
+
+def test_the_load_without_inertia_is_the_effort_at_constant_speed():
+    at = effort_world()
+    track = at.effort
+    found = response("load_dependent_friction", at, **ratios(0.1, inertial=0.0))
+    seconds, motion, whole = bare(at)
+    motion.acceleration[:] = 0.0
+    load = effort_track(ROBOT, seconds, motion, whole, PAYLOAD.phi).rigid
+    np.testing.assert_allclose(found, 0.1 * np.abs(load) * np.tanh(track.velocity / COULOMB_TRANSITION), atol=1e-9)
 
 
 def test_stribeck_friction_falls_from_stiction_to_coulomb_and_rises_with_speed():
