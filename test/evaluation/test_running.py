@@ -104,9 +104,10 @@ def test_a_line_that_a_kill_cut_off_is_answered_again(tmp_path: Path) -> None:
     with Journal(tmp_path, HEADING) as journal, local_pool(1) as pool:
         run(wanted, task_of, pool, journal)
     path = tmp_path / "journal.jsonl"
+    last = list(replies(tmp_path))[-1]  # of two that are ready at once, either may be written first
     path.write_bytes(path.read_bytes()[:-20])
     with Journal(tmp_path, HEADING) as journal:
-        assert unanswered(wanted, journal, retry=False) == wanted[1:]
+        assert [Path(source.name).name for source in unanswered(wanted, journal, retry=False)] == [last]
 
 
 @contextmanager
