@@ -150,7 +150,8 @@ def improved(
         state.replaced.add(key)
         tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
         now = _fitted(state, problem, found.parts)
-        if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not _pressed(problem, tried):
+        pressed = _pressed(problem, tried) and not _pressed(problem, now)
+        if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not pressed:
             return tried
     return None
 
