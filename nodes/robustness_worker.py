@@ -12,6 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from geometry_msgs.msg import Vector3
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import MarkerArray
 
@@ -168,6 +170,8 @@ class RobustnessWorker:
         response.seconds = time.perf_counter() - start
         response.assumptions = assumptions_of(analysis.assembly)
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
+        ways = [np.zeros(3) if way is None else way for way in found.ways]
+        response.ways = [Vector3(x=x, y=y, z=z) for x, y, z in np.reshape(ways, (-1, 3)).tolist()]
         if not found.complete:
             raise late("what is not marked safe was not looked into")
 

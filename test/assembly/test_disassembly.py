@@ -1,5 +1,6 @@
 """Taking assemblies apart: in an order in which nothing else moves, found by solving what is left."""
 
+import itertools
 from pathlib import Path
 
 import assembly_scenes as scenes
@@ -8,6 +9,7 @@ import pytest
 from assembly_scenes import box, fixed_box, on_floor
 
 from poise.assembly import Analysis, Assembly, Mesh, Push, RigidObject, assess, load_scene, plan_disassembly
+from poise.assembly.contact import way_out
 from poise.errors import ErrorCode, InputError, NoAnswerError
 
 SCENES = Path(__file__).parents[2] / "docs" / "scenes"
@@ -190,3 +192,18 @@ def tube(name: str, inner: float, outer: float, length: float, base: float) -> R
         c, d = 24 * ((low + 1) % 4) + k, 24 * ((low + 1) % 4) + (k + 1) % 24
         faces += [np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)]
     return RigidObject(name, Mesh(np.concatenate(rows), np.concatenate(faces)), scenes.pose((0, 0, base)), mass=0.2)
+
+
+def test_the_search_for_a_way_ends_with_the_time():
+    """Each direction and each body near it may take long: the clock is asked before every one."""
+    analysis = Analysis.of(scenes.wall(2, 3))
+    place = analysis.assembly.place_of(analysis.assembly.objects[-1].id)
+    given = analysis.assembly, analysis.structure.interfaces, place, analysis.structure.margin
+    free = way_out(*given)
+    assert free.direction is not None
+    for allowed in range(3):
+        asked = itertools.count()
+        found = way_out(*given, lambda asked=asked, allowed=allowed: next(asked) >= allowed)
+        assert next(asked) <= allowed + 2
+        assert found.direction is None or found.direction @ free.direction == pytest.approx(1.0)
+    assert way_out(*given, lambda: True).direction is None

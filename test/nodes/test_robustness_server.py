@@ -113,6 +113,7 @@ def test_the_order_of_disassembly_begins_at_the_top(answering):
     answer = ask(answering, PlanDisassembly.Request(assembly=[message(CUBE, LID)]))
     assert (list(answer.order), list(answer.safe)) == (["lid", "cube"], [True, True])
     assert answer.margins[-1] == math.inf
+    assert [(way.x, way.y, way.z) for way in answer.ways] == [(0.0, 0.0, 1.0)] * 2
     one = ask(answering, PlanDisassembly.Request(assembly=[message(CUBE, LID)], target="cube"))
     assert list(one.order) == ["lid", "cube"]
 

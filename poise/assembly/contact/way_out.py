@@ -1,6 +1,6 @@
 """Along which straight line an object can be taken away without hitting another."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -35,7 +35,13 @@ class WayOut:
     blocked_by: tuple[int, ...] = ()
 
 
-def way_out(assembly: Assembly, interfaces: Sequence[Interface], place: int, margin: float) -> WayOut:
+def way_out(
+    assembly: Assembly,
+    interfaces: Sequence[Interface],
+    place: int,
+    margin: float,
+    ended: Callable[[], bool] = lambda: False,
+) -> WayOut:
     """A direction along which an object can be moved out of the assembly, or what has to go before.
 
     Straight lines are tried: against gravity, away from each contact and from all of them, level, and between level and
@@ -46,18 +52,21 @@ def way_out(assembly: Assembly, interfaces: Sequence[Interface], place: int, mar
         interfaces: its contacts.
         place: of the object, in `Assembly.objects`.
         margin: m.
+        ended: whether the time for it is over: what is known by then is returned.
     """
     bodies = [placed(item) for item in assembly.objects]
     bounds = np.array([body.bounds for body in bodies])
     distance = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     fewest: tuple[int, ...] = ()
     for direction in _directions(assembly, interfaces, place):
+        if ended():
+            break
         step = distance * direction
         low = np.minimum(bounds[place, 0], bounds[place, 0] + step) + margin
         high = np.maximum(bounds[place, 1], bounds[place, 1] + step) - margin
         near = np.all((bounds[:, 0] < high) & (bounds[:, 1] > low), axis=1)
         near[place] = False
-        blocking = _blocking(bodies, place, direction, distance, np.flatnonzero(near).tolist(), margin)
+        blocking = _blocking(bodies, place, direction, distance, np.flatnonzero(near).tolist(), margin, ended)
         if blocking is None:
             continue
         if not blocking:
@@ -68,11 +77,19 @@ def way_out(assembly: Assembly, interfaces: Sequence[Interface], place: int, mar
 
 
 def _blocking(
-    bodies: Sequence[PlacedBody], place: int, direction: Array, distance: float, near: Sequence[int], margin: float
+    bodies: Sequence[PlacedBody],
+    place: int,
+    direction: Array,
+    distance: float,
+    near: Sequence[int],
+    margin: float,
+    ended: Callable[[], bool],
 ) -> tuple[int, ...] | None:
-    """Which bodies near the way of one are in its way; None when one of them is fixed."""
+    """Which bodies near the way of one are in its way; None when one of them is fixed, or the time is over."""
     blocking = []
     for number in sorted(near, key=lambda number: not bodies[number].item.fixed):
+        if ended():
+            return None
         if _hits(bodies[place], direction, distance, bodies[number], margin):
             if bodies[number].item.fixed:
                 return None

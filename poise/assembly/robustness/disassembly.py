@@ -89,7 +89,8 @@ class _Step:
 
 def _step(analysis: Analysis, name: str, clock: Deadline) -> _Step:
     structure = analysis.structure
-    out = way_out(analysis.assembly, structure.interfaces, analysis.assembly.place_of(name), structure.margin)
+    place = analysis.assembly.place_of(name)
+    out = way_out(analysis.assembly, structure.interfaces, place, structure.margin, lambda: clock.passed)
     left = analysis.without(name)
     if out.direction is not None:
         begin_near(analysis, left)
@@ -145,7 +146,8 @@ def _take_apart(analysis: Analysis, clock: Deadline) -> Disassembly:
             if path:
                 path.pop()
     rest = best[-1].left if best else analysis
-    return _with_rest(rest, best, not choices or not rest.structure.movable)
+    # Choices end at the deadline, too: then not every order was looked at.
+    return _with_rest(rest, best, not (choices or clock.passed) or not rest.structure.movable)
 
 
 def _left_over(analysis: Analysis) -> frozenset[str]:
