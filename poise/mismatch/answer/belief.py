@@ -27,7 +27,7 @@ _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-WEIGHTS = (-2.92, 1.0, 0.98, -2.88, 2.17)
+WEIGHTS = (-1.64, 0.81, 1.35, -2.92, 2.25)
 """Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
@@ -141,7 +141,10 @@ def _belief(
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
     odds |= dict.fromkeys(ruled, 1.0)
-    ruled |= {rival for rival in odds if rival in candidates and candidates[rival].same}
+    same = {rival for rival in odds if rival in candidates and candidates[rival].same}
+    odds |= dict.fromkeys(same, 1.0)
+    # Of equal responses, the search takes the simplest. A delay and a filter have as many parameters.
+    ruled |= {rival for rival in same if part.effect.delay}
     # An effect that contains the name and does no better is no rival.
     against = {
         rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
