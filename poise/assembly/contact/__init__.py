@@ -2,7 +2,7 @@
 
 - `placed`, `penetration`: bodies at their poses, and how deep they overlap.
 - `contacts` (with `touching`, `round_contacts`, `sphere_contacts`): contact interfaces between bodies.
-- `round_touch`, `facet_curves`: lines and points on which bodies roll, also of meshes whose facets stand for round sides.
+- `round_touch`, `facet_curves`: lines and points on which bodies roll; meshes whose facets stand for round sides.
 - `graph`: the contact interface graph, cut into blocks. `surface`: points at which pushes are assessed.
 - `way_out`: straight lines along which an object can be taken away.
 """

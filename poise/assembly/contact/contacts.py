@@ -9,7 +9,7 @@ import numpy as np
 from poise.assembly.contact.patches import patches_between
 from poise.assembly.contact.penetration import penetration_depth
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, hull_corners, placed, triangle_areas
-from poise.assembly.contact.round_touch import joint_touch, mesh_touch, widened
+from poise.assembly.contact.round_touch import joint_touch, mesh_touch, resting_normal, widened
 from poise.assembly.contact.touching import FACE_ANGLE, NO_TRIANGLES
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError
@@ -155,7 +155,11 @@ def _merged(group: list[ContactPatch], first: int, second: int, bodies: tuple[Pl
         normal = unit(np.sum([w * patch.normal for w, patch in zip(weights, group, strict=True)], axis=0))
         points = hull_corners(np.concatenate([patch.points for patch in group]), normal)
         gap = float(np.average([patch.gap for patch in group], weights=weights))
-    touch = joint_touch(group, normal) or mesh_touch(bodies, group, normal, points)
+    touch = joint_touch(group, normal)
+    if touch is None:
+        on_plane = resting_normal(bodies, group, normal)
+        touch = mesh_touch(bodies, group, on_plane, points)
+        normal = normal if touch is None else on_plane
     if touch is not None:
         return Interface(first, second, normal, touch.points, NO_TRIANGLES, gap, 0.0, touch)
     triangles = np.concatenate([patch.triangles for patch in group])

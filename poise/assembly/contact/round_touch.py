@@ -1,13 +1,13 @@
 """Lines and points at which round sides touch: on these bodies roll, against a small resistance."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
 from poise.assembly.contact.facet_curves import FacetCurve, facet_curve
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, hull_corners
+from poise.assembly.contact.touching import FACE_ANGLE
 from poise.assembly.scene import Mesh
 from poise.geometry import plane_axes, unit
 from poise.types import Array
@@ -85,6 +85,16 @@ def mesh_touch(
     return RoundTouch(lead.points, np.full(len(lead.points), radii), lead.across)
 
 
+def resting_normal(bodies: tuple[PlacedBody, PlacedBody], group: Sequence[ContactPatch], normal: Array) -> Array:
+    """(3,) normal of a contact of many small facets with a flat one: that of the flat one."""
+    for body, outwards in zip(bodies, (1.0, -1.0), strict=True):
+        if len(group) > 1 and len(body.normals) and not isinstance(body.item.shape, Mesh):
+            cosines = body.normals @ (outwards * normal)
+            if cosines.max() > np.cos(FACE_ANGLE):
+                return np.asarray(outwards * body.normals[cosines.argmax()])
+    return normal
+
+
 def _curve(body: PlacedBody, normal: Array, point: Array) -> FacetCurve | None:
     """The round side for which the facet of a body at a contact stands."""
     if not isinstance(body.item.shape, Mesh):
@@ -96,12 +106,16 @@ def _curve(body: PlacedBody, normal: Array, point: Array) -> FacetCurve | None:
 
 
 def _under(curve: FacetCurve, body: PlacedBody, normal: Array, corners: Array) -> RoundTouch | None:
-    """The line or point of a round side that is farthest along a normal, as far as it is within the corners."""
+    """The line or point of a round side that is farthest along a normal, as far as it is within the corners.
+
+    Facets say no better where that is than they are wide: within them it is where the centre of mass rests.
+    """
     pose = body.item.pose
     foot = pose.apply(curve.middle) + curve.radius * (normal - pose.rotation @ curve.normal)
     axes, origin = plane_axes(normal), corners[0]
     region = shapely.convex_hull(shapely.multipoints((corners - origin) @ axes.T))
-    flat = axes @ (foot - origin)
+    middle, rests = axes @ (foot - origin), axes @ (body.item.com_in_world - origin)
+    flat = rests if curve.along is None or shapely.contains_xy(region, *rests) else middle
     if curve.along is None:
         if not shapely.contains_xy(region, *flat):
             return None
@@ -112,6 +126,6 @@ def _under(curve: FacetCurve, body: PlacedBody, normal: Array, corners: Array) -
     if covered.geom_type != "LineString" or covered.is_empty:
         return None
     ends = shapely.get_coordinates(covered)[[0, -1]]
-    radii = np.maximum(curve.radius + curve.slope * ((ends - flat) @ along), 0.0)
+    radii = np.maximum(curve.radius + curve.slope * ((ends - middle) @ along), 0.0)
     points = origin + ends @ axes
     return RoundTouch(points, radii, unit(np.cross(normal, points[1] - points[0])))

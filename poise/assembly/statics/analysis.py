@@ -108,7 +108,7 @@ class Mechanism:
         """slip, topple, roll or mixed: what happens at the interfaces that part.
 
         An interface topples when its corners part at different speeds (more so than the dilatancy of limit analysis
-        asks of a patch that turns in its plane), and slips when the corner that parts least slides. Round sides roll
+        asks of a patch that turns in its plane), and slips when the corner that parts least slides without leaving. Round sides roll
         where they turn about their line or point without leaving it.
         """
         geometry = self.block.geometry
@@ -120,10 +120,11 @@ class Mechanism:
             corners = geometry.interface == number
             parting, sliding = relative[corners, 0], slide[corners]
             dilatancy = geometry.friction[corners] * sliding
-            found["slip"] |= bool(sliding[(parting - dilatancy).argmin()] > 1e-2 * scale)
+            last = int((parting - dilatancy).argmin())
+            leaves_it = parting[last] - dilatancy[last] > 0.1 * sliding[last]
+            found["slip"] |= bool(sliding[last] > 1e-2 * scale and not leaves_it)
             if interface.touch is not None:
-                leaves, speed = self._on_touch(number, interface.touch, interface.normal)
-                parting = leaves
+                parting, speed = self._on_touch(number, interface.touch, interface.normal)
                 found["roll"] |= speed > 1e-2 * scale and parting.min() < 2 * interface.rolling * speed + 1e-3 * scale
             found["topple"] |= bool(np.ptp(parting) > 1.5 * np.ptp(dilatancy) + 1e-3 * scale)
         modes = [mode for mode, seen in found.items() if seen]
