@@ -108,8 +108,8 @@ class Mechanism:
         """slip, topple, roll or mixed: what happens at the interfaces that part.
 
         An interface topples when its corners part at different speeds (more so than the dilatancy of limit analysis
-        asks of a patch that turns in its plane), and slips when the corner that parts least slides without leaving. Round sides roll
-        where they turn about their line or point without leaving it.
+        asks of a patch that turns in its plane), and slips when the corner that parts least slides without leaving.
+        Round sides roll where they turn about their line or point without leaving it.
         """
         geometry = self.block.geometry
         relative = (geometry.grasp.T @ self.twist).reshape(-1, 3)
