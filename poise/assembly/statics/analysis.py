@@ -121,8 +121,10 @@ class Mechanism:
             parting, sliding = relative[corners, 0], slide[corners]
             dilatancy = geometry.friction[corners] * sliding
             last = int((parting - dilatancy).argmin())
-            leaves_it = parting[last] - dilatancy[last] > 0.1 * sliding[last]
-            found["slip"] |= bool(sliding[last] > 1e-2 * scale and not leaves_it)
+            # Friction parts elastic contacts at no speed, those of limit analysis at that of dilatancy.
+            leaving = parting[last] - (dilatancy[last] if self._still == _STILL else 0.0)
+            stays = leaving < 0.03 * sliding[last]
+            found["slip"] |= bool(sliding[last] > 1e-2 * scale and stays)
             if interface.touch is not None:
                 parting, speed = self._on_touch(number, interface.touch, interface.normal)
                 found["roll"] |= speed > 1e-2 * scale and parting.min() < 2 * interface.rolling * speed + 1e-3 * scale
