@@ -1,4 +1,4 @@
-"""Balls as shapes: contacts, overlap, scene files, settling; and rolling in an independent engine."""
+"""Balls as shapes: contacts, overlap, scene files, settling, commands."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,6 @@ from poise.assembly.contact import find_interfaces
 from poise.assembly.scene import pose_covariance_of, read_scene
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
-from poise.worlds import write_world
 
 CONTENT = {
     "rolling": 0.01,
@@ -159,35 +158,3 @@ def test_a_ball_seen_by_a_camera_is_put_on_what_carries_it():
     settled = settle(scenes.on_floor(seen))
     assert settled.assembly.objects[1].pose.translation == pytest.approx([0, 0, R], abs=1e-6)
     assert acceleration_limits(settled.assembly, 4, turning=False).limits == pytest.approx(0.002 * G, rel=0.01)
-
-
-def _travel(assembly, acceleration, path, seconds=0.5):
-    """m that the last object moves in MuJoCo, on a base that accelerates (3,) after it has come to rest."""
-    mujoco = pytest.importorskip("mujoco")
-    write_world(assembly, path)
-    model = mujoco.MjModel.from_xml_path(str(path))
-    model.opt.timestep, model.opt.impratio, model.opt.cone = 5e-4, 10, mujoco.mjtCone.mjCONE_ELLIPTIC
-    data = mujoco.MjData(model)
-    for _ in range(200):
-        mujoco.mj_step(model, data)
-    start = data.qpos[:3].copy()
-    model.opt.gravity[:] = assembly.gravity - acceleration
-    for _ in range(round(seconds / 5e-4)):
-        mujoco.mj_step(model, data)
-    return float(np.linalg.norm(data.qpos[:3] - start))
-
-
-@pytest.mark.parametrize("kind", ["can", "ball"])
-@pytest.mark.parametrize("scene", ["tray", "chocks", "groove"])
-def test_mujoco_holds_round_bodies_below_the_limit_and_moves_them_above_it(kind, scene, tmp_path):
-    """A tray that tilts is a tray that accelerates; rolling resistance is that of the file that Poise writes."""
-    body = rolls.KINDS[kind]
-    if scene == "groove":
-        assembly = rolls.groove(30, body=body)
-    else:
-        assembly = scenes.on_floor(body(), *(rolls.chocks(0.01) if scene == "chocks" else ()))
-    assembly = replace(assembly, rolling=0.02)
-    way = np.array([1.0, 0, 0])
-    limit = float(acceleration_limits(assembly, way[None], turning=False).limits[0])
-    assert _travel(assembly, 0.9 * limit * way, tmp_path / "scene.xml") < 2e-4
-    assert _travel(assembly, 1.1 * limit * way, tmp_path / "scene.xml") > 1e-3
