@@ -32,11 +32,11 @@ _LYING = rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 2)
 
 @dataclass(frozen=True, eq=False)
 class RollingScene:
-    """One scene, with the shape that Poise is told and the true one, and the way in which the base accelerates."""
+    """One scene, with the shape that Poise is given and the true one, and the way in which the base accelerates."""
 
     kind: str
     body: str
-    told: Assembly
+    given: Assembly
     true: Assembly
     way: Array
 
@@ -64,15 +64,15 @@ def _random_scene(kind: str, body: str, rng: np.random.Generator) -> RollingScen
         reach = float(np.sqrt(radius**2 - (radius - height) ** 2)) + 0.025
         fixed += [_fixed(f"chock{side}", (0.05, 0.4, height), (side * reach, 0, height / 2)) for side in (-1, 1)]
     place = np.array([0.0, 0.0, radius / np.cos(np.radians(degrees))])
-    true = told = RigidObject("body", Sphere(radius), Pose(np.eye(3), place), mass=mass)
+    true = given = RigidObject("body", Sphere(radius), Pose(np.eye(3), place), mass=mass)
     if body != "ball":
-        true = told = RigidObject("body", Cylinder(radius, length), Pose(_LYING, place), mass=mass)
+        true = given = RigidObject("body", Cylinder(radius, length), Pose(_LYING, place), mass=mass)
     if body == "prism":
-        told = _prism(true, radius, length, sides, degrees)
+        given = _prism(true, radius, length, sides, degrees)
     azimuth = float(rng.uniform(-0.5, 0.5)) if kind == "tray" and body == "ball" else 0.0
     way = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     around = {"friction": friction, "rolling": rolling}
-    return RollingScene(kind, body, Assembly((*fixed, told), **around), Assembly((*fixed, true), **around), way)
+    return RollingScene(kind, body, Assembly((*fixed, given), **around), Assembly((*fixed, true), **around), way)
 
 
 def _prism(true: RigidObject, radius: float, length: float, sides: int, degrees: float) -> RigidObject:
@@ -110,8 +110,8 @@ def travel(
         acceleration: m/s2.
         path: of the model to write.
         seconds: of acceleration.
-        capsules: in place of cylinders, with their inertia. On the edge of a box MuJoCo 4.0 gives some cylinders contacts
-            with the normal of the box's side, over which they creep at half the load; capsules have the true normals.
+        capsules: in place of cylinders, with their inertia. At the edge of a box MuJoCo 4.0 gives cylinders contacts
+            with the normal of its side at times, over which they creep at half the load; those of capsules are right.
     """
     write_world(assembly, path)
     text = path.read_text()
@@ -127,7 +127,7 @@ def travel(
 
 def compared(scene: RollingScene, path: Path) -> tuple[float, bool, bool]:
     """The limit, m/s2; whether the body holds below it, and whether it moves above it."""
-    limit = float(acceleration_limits(scene.told, scene.way[None], turning=False).limits[0])
+    limit = float(acceleration_limits(scene.given, scene.way[None], turning=False).limits[0])
     on_edges = scene.kind == "chocks"
     below = travel(scene.true, HELD_SHARE * limit * scene.way, path, capsules=on_edges)
     above = travel(scene.true, MOVED_SHARE * limit * scene.way, path, capsules=on_edges)
@@ -140,11 +140,11 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=180)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--quick", action="store_true", help="9 scenes")
-    given = parser.parse_args()
+    args = parser.parse_args()
     rows: dict[tuple[str, str], list[tuple[float, bool, bool]]] = {}
     start = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        for number, scene in enumerate(random_scenes(9 if given.quick else given.scenes, given.seed)):
+        for number, scene in enumerate(random_scenes(9 if args.quick else args.scenes, args.seed)):
             found = compared(scene, Path(folder) / "scene.xml")
             rows.setdefault((scene.kind, scene.body), []).append(found)
             if not all(found[1:]):

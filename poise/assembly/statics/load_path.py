@@ -87,8 +87,7 @@ def follow(
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
-    way, done, ahead = compliance * first, 0.0, _AFTER_FEW
-    slope = response / compliance
+    slope, way, done, ahead = response / compliance, compliance * first, 0.0, _AFTER_FEW
     guess = rest + way * slope
     points, shorter = [PathPoint(rest, 0.0)], 0
     for _ in range(_STEPS):
@@ -103,8 +102,7 @@ def follow(
         if not here.held:
             if done or shorter == _SHORTER:
                 return LoadPath(points, here.displacement, True)
-            # It has collapsed within the first step, as where a small load rolls something away.
-            shorter, way = shorter + 1, way / 8
+            shorter, way = shorter + 1, way / 8  # within the first step, as where a small load rolls something away
             guess = rest + way * slope
             continue
         points.append(here)
