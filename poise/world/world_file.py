@@ -66,7 +66,7 @@ def _content(world: World) -> dict[str, Any]:
         "version": world.version,
         "gravity": np.asarray(world.gravity).tolist(),
         "friction": world.friction,
-        "pairs": [[*pair.objects, pair.coefficient, pair.deviation] for pair in world.pairs],
+        "pairs": [[*pair.objects, pair.coefficient, pair.deviation, pair.rolling] for pair in world.pairs],
         "newest": [world.newest_event, world.newest_scan],
         "objects": [
             {

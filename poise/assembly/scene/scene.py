@@ -16,8 +16,8 @@ from poise.types import Array
 
 _Value = TypeVar("_Value", bound=Hashable)
 ROLLING = 0.002
-"""Rolling resistance of pairs for which none is given: that of hard bodies (steel wheels on rails 0.001 to 0.002, tyres
-0.005 to 0.015; Marks' Standard Handbook for Mechanical Engineers). Too small is safe: things then roll too early."""
+"""Rolling resistance of pairs that give none: that of hard bodies. Where it is too small, things roll too early."""
+# Steel wheels on rails 0.001 to 0.002, tyres 0.005 to 0.015 (Marks' Standard Handbook for Mechanical Engineers).
 _INERTIA_ROUNDING = 1e-9
 """Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
 
