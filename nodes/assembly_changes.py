@@ -8,7 +8,7 @@ import numpy as np
 from poise.assembly import Analysis, Assembly
 from poise.assembly.statics import Deadline, Stability, analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.nodes.assembly_message import NO_FRICTION, assembly_of, assumptions_of, objects_of, pairs_of
+from poise.nodes.assembly_message import NO_FRICTION, assembly_of, notes_of, objects_of, pairs_of
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import SetAssembly
 
@@ -43,7 +43,7 @@ def stability_of(analysis: Analysis, response: SetAssembly.Response, deadline: D
     """Whether an assembly stands, also written into a response."""
     found = analysis.stability(deadline)
     response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
-    response.assumptions = assumptions_of(analysis.assembly)
+    response.assumptions = notes_of(analysis)
     return found
 
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from poise.assembly import Analysis, Box, Cylinder, RigidObject
+from poise.assembly import Analysis, Box, Cylinder, RigidObject, Sphere
 from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.nodes.assembly_message import pose_message
 
@@ -83,6 +83,8 @@ def _body(item: RigidObject, number: int, frame_id: str) -> Marker:
     elif isinstance(shape, Cylinder):
         sizes = (2 * shape.radius, 2 * shape.radius, shape.length)
         marker = _marker("objects", number, Marker.CYLINDER, frame_id, colour, sizes)
+    elif isinstance(shape, Sphere):
+        marker = _marker("objects", number, Marker.SPHERE, frame_id, colour, (2 * shape.radius,) * 3)
     else:
         marker = _marker("objects", number, Marker.TRIANGLE_LIST, frame_id, colour, (1.0, 1.0, 1.0))
         polyhedron = shape.polyhedron

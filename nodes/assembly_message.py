@@ -10,8 +10,8 @@ from geometry_msgs.msg import Pose as PoseMessage
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
-from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
-from poise.assembly.robustness import Robustness
+from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, Sphere
+from poise.assembly.robustness import Robustness, rolling_findings
 from poise.assembly.scene import check_density, read_object, scene_findings
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
@@ -33,6 +33,7 @@ _MODES = {
     "slip": RobustnessMessage.MODE_SLIP,
     "topple": RobustnessMessage.MODE_TOPPLE,
     "mixed": RobustnessMessage.MODE_MIXED,
+    "roll": RobustnessMessage.MODE_ROLL,
 }
 
 
@@ -143,6 +144,11 @@ def assumptions_of(assembly: Assembly) -> list[str]:
     return found + [f"probably wrong: {finding.sentence}" for finding in scene_findings(assembly)]
 
 
+def notes_of(analysis: Analysis) -> list[str]:
+    """What an assembly does not give, and what in it can roll, one sentence each."""
+    return assumptions_of(analysis.assembly) + [finding.sentence for finding in rolling_findings(analysis)]
+
+
 def _xyz(vector: Any) -> list[float]:
     return [vector.x, vector.y, vector.z]
 
@@ -154,12 +160,14 @@ def _shape(message: AssemblyObject, folders: Sequence[Path]) -> dict[str, Any]:
         sizes = list(message.primitive.dimensions)
         if message.primitive.type == SolidPrimitive.BOX:
             return {"box": sizes}
+        if message.primitive.type == SolidPrimitive.SPHERE and len(sizes) == 1:
+            return {"sphere": sizes[SolidPrimitive.SPHERE_RADIUS]}
         if message.primitive.type == SolidPrimitive.CYLINDER and len(sizes) == 2:
             return {"cylinder": [sizes[SolidPrimitive.CYLINDER_RADIUS], sizes[SolidPrimitive.CYLINDER_HEIGHT]]}
         raise InputError(
             ErrorCode.OBJECT_INVALID,
-            f"{where}: primitive of type {message.primitive.type} with {len(sizes)} dimensions; give a box (3) or a "
-            "cylinder (2), or a mesh",
+            f"{where}: primitive of type {message.primitive.type} with {len(sizes)} dimensions; give a box (3), a "
+            "cylinder (2) or a sphere (1), or a mesh",
         )
     if message.shape == AssemblyObject.SHAPE_MESH:
         vertices = np.array([_xyz(vertex) for vertex in message.mesh.vertices]).reshape(-1, 3)
@@ -210,6 +218,8 @@ def object_message(item: RigidObject) -> AssemblyObject:
     elif isinstance(shape, Cylinder):
         sizes = [float(shape.length), float(shape.radius)]
         message.primitive = SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=sizes)
+    elif isinstance(shape, Sphere):
+        message.primitive = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[float(shape.radius)])
     elif isinstance(shape, Mesh) and shape.source.startswith("package://"):
         message.shape, message.mesh_uri, message.mesh_scale = AssemblyObject.SHAPE_URI, shape.source, float(shape.scale)
     else:

@@ -28,7 +28,7 @@ from poise.nodes.assembly_markers import map_markers, mechanism_markers, scene_m
 from poise.nodes.assembly_message import (
     assembly_message,
     assembly_of,
-    assumptions_of,
+    notes_of,
     pushes_of,
     robustness_message,
 )
@@ -150,7 +150,7 @@ class RobustnessWorker:
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.robustness = [robustness_message(result) for result in found.results]
-        response.assumptions = assumptions_of(analysis.assembly)
+        response.assumptions = notes_of(analysis)
         if mapped is not None:
             response.map = [map_message(mapped, _stamped(AssemblyMessage(), header).header)]
         if not request.assembly and found.stable:
@@ -168,7 +168,7 @@ class RobustnessWorker:
         left = max(header["deadline"] - time.monotonic(), 0.0)
         found = plan_disassembly(analysis, request.target or None, left)
         response.seconds = time.perf_counter() - start
-        response.assumptions = assumptions_of(analysis.assembly)
+        response.assumptions = notes_of(analysis)
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
         ways = [np.zeros(3) if way is None else way for way in found.ways]
         response.ways = [Vector3(x=x, y=y, z=z) for x, y, z in np.reshape(ways, (-1, 3)).tolist()]

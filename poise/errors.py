@@ -56,6 +56,7 @@ class ErrorCode(IntEnum):
     MESH_INVALID = 56
     SCAN_INCOMPLETE = 57
     IMPLAUSIBLE = 58
+    CAN_ROLL = 59
 
     NO_PLACEMENT = 60
     SOLVER_FAILED = 61

@@ -35,6 +35,7 @@ RANGES = {
     "rotation_deg of pose_std": Range(0.0, 45.0, "degrees"),
     "gravity": Range(0.1, 100.0, "m/s2"),
     "friction": Range(0.0, 10.0, ""),
+    "rolling": Range(0.0, 1.0, ""),
     "point": Range(-1e4, 1e4, "m"),
     "direction": Range(-1e6, 1e6, ""),
     "length of direction": Range(1e-6, 1e6, ""),

@@ -18,7 +18,17 @@ from poise.assembly.robustness import (
     robustness_map,
     sensitivity,
 )
-from poise.assembly.scene import Assembly, Box, Cylinder, FrictionPair, Mesh, RigidObject, load_scene, write_scene
+from poise.assembly.scene import (
+    Assembly,
+    Box,
+    Cylinder,
+    FrictionPair,
+    Mesh,
+    RigidObject,
+    Sphere,
+    load_scene,
+    write_scene,
+)
 from poise.assembly.settling import Settled, settle
 from poise.assembly.statics import Analysis, Push
 
@@ -32,6 +42,7 @@ __all__ = [
     "Push",
     "RigidObject",
     "Settled",
+    "Sphere",
     "acceleration_limits",
     "assess",
     "assess_settled",

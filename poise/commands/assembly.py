@@ -38,7 +38,7 @@ from poise.commands.output import (
     write_json,
 )
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import SceneArgument, open_scene, open_settled, scene_findings_json
+from poise.commands.scenes import SceneArgument, findings_json, open_scene, open_settled
 from poise.commands.settling import (
     PoseStdOption,
     SamplesOption,
@@ -111,7 +111,7 @@ def robustness(
     start = time.perf_counter()
     found = assess_settled(settled, pushes, model, deadline, samples if pushes else 0, analysis=analysis)
     content = _assessment_json(analysis, found, model, time.perf_counter() - start) | settled_json(settled, found)
-    scene_json = scene_findings_json(analysis.assembly)
+    scene_json = findings_json(analysis)
     content["findings"] = [*content.get("findings", []), *scene_json, *_pushes_of_fixed(analysis, pushes)]
     write_json(json_target, content)
     print_moves(settled, json_target)
@@ -154,7 +154,7 @@ def msa(
     seconds = time.perf_counter() - start
     tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
     content = _limits_json(found, tilts, cautious, cautious_doubtful, seconds)
-    write_json(json_target, content | {"findings": scene_findings_json(analysis.assembly)})
+    write_json(json_target, content | {"findings": findings_json(analysis)})
     people = console(json_target)
     table = Table("direction", "limit m/s2", "tilt rad", "moves first")
     rows = zip(found.directions, found.limits, tilts, found.first_to_move, found.doubtful.tolist(), strict=True)
@@ -218,7 +218,7 @@ def disassemble(
     margins = [number_for_json(value) for value in found.margins]
     content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}
     content["complete"] = found.complete
-    content["findings"] = scene_findings_json(analysis.assembly)
+    content["findings"] = findings_json(analysis)
     write_json(json_target, content)
     table = Table("take", "safe", "margin left N", "way out")
     for name, safe, margin, way in zip(found.order, found.safe, found.margins, found.ways, strict=True):
@@ -286,7 +286,7 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
         "complete": found.complete,
         "solves": found.solves,
         "seconds": found.seconds,
-        "findings": scene_findings_json(found.analysis.assembly),
+        "findings": findings_json(found.analysis),
     }
 
 

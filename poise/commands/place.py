@@ -16,7 +16,7 @@ from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 from poise.assembly import RigidObject
 from poise.assembly.scene import read_object
 from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
-from poise.commands.scenes import SceneArgument, open_scene, scene_findings_json
+from poise.commands.scenes import SceneArgument, findings_json, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
@@ -122,7 +122,7 @@ def place(
         write_json(json_target, failure_of(error))
         raise
     content = _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found)
-    write_json(json_target, content | {"findings": scene_findings_json(found.analysis.assembly)})
+    write_json(json_target, content | {"findings": findings_json(found.analysis)})
     if output is not None:
         save_scene(found.analysis.assembly, output)
     print_answer(people, found)

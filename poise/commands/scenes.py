@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import Analysis, Assembly, Settled, settle
+from poise.assembly.robustness import rolling_findings
 from poise.assembly.scene import scene_findings, with_pose_covariance
 from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
@@ -52,3 +53,16 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
 def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:
     """What is probably wrong in a scene, as the contract writes findings."""
     return [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in scene_findings(assembly)]
+
+
+def findings_json(analysis: Analysis) -> list[dict[str, Any]]:
+    """What is probably wrong in a scene, and what in it can roll, as the contract writes findings; warns of the last.
+
+    Args:
+        analysis: whose stability is known.
+    """
+    rolls = rolling_findings(analysis)
+    for each in rolls:
+        warn(each.sentence)
+    found = [finding_json(ErrorCode.CAN_ROLL, each.sentence, each.evidence) for each in rolls]
+    return scene_findings_json(analysis.assembly) + found

@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly import Box, Cylinder
+from poise.assembly import Box, Cylinder, Sphere
 from poise.assembly.contact import convex_geometry
 from poise.assembly.scene import Shape
 from poise.geometry import Pose
@@ -26,7 +26,7 @@ def pose_of(se3: pin.SE3) -> Pose:
 
 def geometry_of(shape: Shape) -> coal.CollisionGeometry:
     """What coal asks about: solid where the shape is convex, its surface otherwise."""
-    if isinstance(shape, Box | Cylinder) or shape.polyhedron.convex:
+    if isinstance(shape, Box | Cylinder | Sphere) or shape.polyhedron.convex:
         return convex_geometry(cast(Hashable, shape))
     return _surface(cast(Hashable, shape))
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.assembly.statics import rolling
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.placement.balance import BALANCE_ROUNDING, unbalanced_weight
@@ -129,6 +130,8 @@ class Validator:
             standing = self._standing(_without_gaps(analysis, there), there)
             if standing is None:
                 return self._reject("does not stand")
+            if any(self.item.id in found.objects for found in rolling(standing[0])):
+                return self._reject("may roll: no chock or lip holds it")
             if standing[1] is not there and (why := self._looks_wrong(standing[1])) is not None:
                 return self._reject(why)
             if self.uncertainty is not None and not stands_disturbed(*standing, self.uncertainty):
@@ -161,7 +164,7 @@ class Validator:
         return settled if self._is_safe(*settled) else None
 
     def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
-        """It stands with something to spare, and nothing may roll or swivel freely. The cheap questions come first."""
+        """It stands with something to spare, and nothing may swivel freely. The cheap questions come first."""
         least, place = _LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
         blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
         if any(block.solvers.balance.margin * block.geometry.units.weight < least for block in blocks):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, RigidObject
+from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, RigidObject, Sphere
 from poise.assembly.scene import read_object, scene_content
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.files import write_whole
@@ -66,7 +66,7 @@ def _content(world: World) -> dict[str, Any]:
         "version": world.version,
         "gravity": np.asarray(world.gravity).tolist(),
         "friction": world.friction,
-        "pairs": [[*pair.objects, pair.coefficient, pair.deviation] for pair in world.pairs],
+        "pairs": [[*pair.objects, pair.coefficient, pair.deviation, pair.rolling] for pair in world.pairs],
         "newest": [world.newest_event, world.newest_scan],
         "objects": [
             {
@@ -86,7 +86,7 @@ def _content(world: World) -> dict[str, Any]:
 def _object(item: RigidObject) -> dict[str, Any]:
     """The entry of a scene file; a mesh is written in full."""
     shape = item.shape
-    if isinstance(shape, Box | Cylinder):
+    if isinstance(shape, Box | Cylinder | Sphere):
         return _entry(item)
     if not isinstance(shape, Mesh):
         raise InputError(ErrorCode.UNSUPPORTED, f"object {item.id}: a shape of this kind has no place in a file")

@@ -6,7 +6,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from poise.assembly import Assembly, Mesh
+from poise.assembly import Assembly, FrictionPair, Mesh
 from poise.assembly.scene import Shape
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_of_quaternion
@@ -16,7 +16,7 @@ from poise.types import Array
 from poise.worlds import solids
 from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WorldLink, grouped
-from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place
+from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance
 
 _FREE = 0
 """mjtJoint of a body that moves freely."""
@@ -45,9 +45,10 @@ class MjcfFormat(WorldFormat):
     def written(self, assembly: Assembly, path: Path) -> tuple[bytes, tuple[str, ...]]:
         """See `WorldFormat`. What is not convex becomes convex pieces; meshes are in the file."""
         friction = assembly.largest_friction if assembly.friction is None else assembly.friction
-        attributes = f'friction="{friction!r} 0 0" condim="3"'
         bodies, meshes, lost, geoms = [], [], list[str](), dict[str, list[str]]()
         for item in assembly.objects:
+            (spin, roll), dimensions = mjcf_resistance([item], assembly.rolling, friction)
+            attributes = f'friction="{friction!r} {spin!r} {roll!r}" condim="{dimensions}"'
             geom, mesh, hull = mjcf_geom(item, escape(item.id, {'"': "&quot;"}), attributes)
             geoms[item.id] = [part.partition('"')[0] for part in geom.split('name="')[1:]]
             meshes.append(mesh)
@@ -56,7 +57,7 @@ class MjcfFormat(WorldFormat):
             inside = geom if item.fixed else f"<freejoint/>{mjcf_inertial(item)}{geom}"
             bodies.append(f"    <body name={quoteattr(item.id)} {mjcf_place(item.pose)}>{inside}</body>\n")
         pairs = "".join(
-            f'<pair geom1="{one}" geom2="{other}" friction="{p.coefficient!r} {p.coefficient!r} 0 0 0" condim="3"/>'
+            f'<pair geom1="{one}" geom2="{other}" {_pair_friction(assembly, p)}/>'
             for p in assembly.friction_pairs
             for one in geoms[p.objects[0]]
             for other in geoms[p.objects[1]]
@@ -182,6 +183,13 @@ class _Reading:
         if not mesh.polyhedron.convex:
             self._notes.append(f"{model.mesh(number).name}: read as it is; MuJoCo lets its convex hull touch")
         return mesh
+
+
+def _pair_friction(assembly: Assembly, pair: FrictionPair) -> str:
+    """The attributes of a pair: friction along two tangents, of spinning, and of rolling about both."""
+    items = [assembly.objects[assembly.index[name]] for name in pair.objects]
+    (spin, roll), dimensions = mjcf_resistance(items, assembly.rolling_between(*pair.objects), pair.coefficient)
+    return f'friction="{pair.coefficient!r} {pair.coefficient!r} {spin!r} {roll!r} {roll!r}" condim="{dimensions}"'
 
 
 _KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from poise.assembly import Box, Cylinder, RigidObject
+from poise.assembly import Box, Cylinder, RigidObject, Sphere
 from poise.errors import PoiseError
 from poise.exporting import mjcf_inertial as inertial_element
 from poise.geometry import Pose, quaternion_of_rotation
@@ -24,6 +24,18 @@ def mjcf_inertial(item: RigidObject) -> str:
     return inertial_element(inertial_of(item))
 
 
+def mjcf_resistance(items: Sequence[RigidObject], rolling: float, friction: float) -> tuple[list[float], int]:
+    """Coefficients of spinning and rolling (moments per normal force, m) between objects, and the `condim` they need.
+
+    Rolling resistance acts on cylinders and balls; other contacts have the default of three dimensions.
+    """
+    radii = [item.shape.radius for item in items if isinstance(item.shape, Cylinder | Sphere)]
+    if not radii or rolling == 0:
+        return [0.0, 0.0], 3
+    lever = rolling * min(radii)
+    return [2 / 3 * friction * lever, lever], 6
+
+
 def mjcf_geom(item: RigidObject, name: str, attributes: str, hull: bool = False) -> tuple[str, str, bool]:
     """The geoms of an object, the meshes that they use, and whether they are the convex hull of a body that is not.
 
@@ -38,6 +50,8 @@ def mjcf_geom(item: RigidObject, name: str, attributes: str, hull: bool = False)
         return f'<geom type="box" size="{_numbers(np.array(shape.size) / 2)}" {place}/>', "", False
     if isinstance(shape, Cylinder):
         return f'<geom type="cylinder" size="{_numbers([shape.radius, shape.length / 2])}" {place}/>', "", False
+    if isinstance(shape, Sphere):
+        return f'<geom type="sphere" size="{_numbers([shape.radius])}" {place}/>', "", False
     surface, simple = shape.polyhedron, False
     pieces = [surface.vertices]
     if not surface.convex:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from poise.assembly import Assembly, Box, Cylinder, Mesh, RigidObject
+from poise.assembly import Assembly, Box, Cylinder, Mesh, RigidObject, Sphere
 from poise.assembly.scene import Shape
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
@@ -127,14 +127,20 @@ def _pose(content: Mapping[str, Any] | None) -> Pose:
     return Pose.from_vector(np.array([*(float(position.get(axis, 0.0)) for axis in "xyz"), *quaternion]))
 
 
+def _primitive_of(shape: Box | Cylinder | Sphere) -> tuple[int, tuple[float, ...]]:
+    """Type and dimensions of shape_msgs/SolidPrimitive."""
+    if isinstance(shape, Box):
+        return _BOX, shape.size
+    return (_CYLINDER, (shape.length, shape.radius)) if isinstance(shape, Cylinder) else (_SPHERE, (shape.radius,))
+
+
 def _message_of(item: RigidObject) -> dict[str, Any]:
     """moveit_msgs/CollisionObject."""
     shape = item.shape
     content: dict[str, Any] = {"header": {"frame_id": _FRAME}, "id": item.id, "pose": _pose_message(item.pose)}
     identity = _pose_message(Pose.identity())
-    if isinstance(shape, Box | Cylinder):
-        sizes = shape.size if isinstance(shape, Box) else (shape.length, shape.radius)
-        kind = _BOX if isinstance(shape, Box) else _CYLINDER
+    if isinstance(shape, Box | Cylinder | Sphere):
+        kind, sizes = _primitive_of(shape)
         content["primitives"] = [{"type": kind, "dimensions": [float(size) for size in sizes]}]
         return content | {"primitive_poses": [identity]}
     surface = shape.polyhedron
@@ -187,6 +193,8 @@ def _text_of(item: RigidObject) -> Iterator[str]:
         yield from ("box", " ".join(f"{float(size)!r}" for size in shape.size))
     elif isinstance(shape, Cylinder):
         yield from ("cylinder", f"{float(shape.radius)!r} {float(shape.length)!r}")
+    elif isinstance(shape, Sphere):
+        yield from ("sphere", f"{float(shape.radius)!r}")
     else:
         yield from ("mesh", f"{len(surface.vertices)} {len(surface.triangles)}")
         yield from (" ".join(map(repr, row)) for row in [*surface.vertices.tolist(), *surface.triangles.tolist()])

@@ -7,7 +7,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, RigidObject
+from poise.assembly import Assembly, Box, Cylinder, RigidObject, Sphere
 from poise.assembly.scene import Shape
 from poise.errors import ErrorCode, InputError
 from poise.exporting import sdf_inertial
@@ -65,7 +65,7 @@ class SdfFormat(WorldFormat):
         friction = assembly.largest_friction if assembly.friction is None else assembly.friction
         models = []
         for item in assembly.objects:
-            if not isinstance(item.shape, Box | Cylinder):
+            if not isinstance(item.shape, Box | Cylinder | Sphere):
                 write_whole(path.parent / stl_name(path.stem, item.id), stl_bytes(item.shape.polyhedron))
             models.append(_model_text(item, friction, stl_name(path.stem, item.id)))
         gravity = " ".join(repr(float(value)) for value in assembly.gravity)
@@ -242,6 +242,8 @@ def _model_text(item: RigidObject, friction: float, mesh: str) -> str:
         geometry = f"<box><size>{size}</size></box>"
     elif isinstance(shape, Cylinder):
         geometry = f"<cylinder><radius>{shape.radius!r}</radius><length>{shape.length!r}</length></cylinder>"
+    elif isinstance(shape, Sphere):
+        geometry = f"<sphere><radius>{shape.radius!r}</radius></sphere>"
     else:
         geometry = f"<mesh><uri>{escape(mesh)}</uri></mesh>"
     surface = f"<surface><friction><ode><mu>{friction!r}</mu><mu2>{friction!r}</mu2></ode></friction></surface>"

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from poise.assembly import Box, Cylinder, Mesh
+from poise.assembly import Box, Cylinder, Mesh, Sphere
 from poise.types import Array
 
 _SECTIONS = 64
@@ -19,9 +19,9 @@ def plane() -> Box:
     return Box(_PLANE)
 
 
-def sphere(radius: float) -> Mesh:
-    """A sphere about its frame, of nearly the true volume."""
-    return _mesh(trimesh.creation.icosphere(subdivisions=_SPHERE, radius=radius))
+def sphere(radius: float) -> Sphere:
+    """A sphere about its frame."""
+    return Sphere(float(radius))
 
 
 def ellipsoid(radii: Array) -> Mesh:

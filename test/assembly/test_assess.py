@@ -7,6 +7,7 @@ from assembly_scenes import G, box
 
 from poise.assembly import Analysis, Push, assess, motion_probability, robustness_map, sensitivity
 from poise.assembly.robustness.registry import ROBUSTNESS_MODELS
+from poise.assembly.scene import ROLLING
 from poise.errors import ErrorCode, InputError
 
 GOOD = ("cube", (-0.5, 0, 0.2), (1, 0, 0))
@@ -99,11 +100,12 @@ def test_two_hundred_objects_and_a_short_deadline_give_partial_answers_not_error
     assert isinstance(found.complete, bool)
 
 
-def test_a_cylinder_on_its_side_rolls_away_at_no_force_but_resists_along_its_axis():
+def test_a_cylinder_on_its_side_rolls_away_at_next_to_no_force_but_resists_along_its_axis():
     can = scenes.cylinder("can", 0.1, 0.5, (0, 0, 0.1), quaternion=scenes.turned((0, 1, 0), 90))
     assembly = scenes.on_floor(can)
     found = assess(assembly, [Push("can", (0, -0.1, 0.1), (0, 1, 0)), Push("can", (-0.25, 0, 0.1), (1, 0, 0))])
-    assert found.results[0].robustness == pytest.approx(0, abs=1e-6)
+    assert found.results[0].robustness == pytest.approx(ROLLING * G, rel=1e-6)
+    assert found.results[0].mode == "roll"
     assert found.results[1].robustness == pytest.approx(0.5 * G, rel=1e-6)
 
 

@@ -10,11 +10,20 @@ from assembly_calls import CUBE, FLOOR, FRAME, LID, message
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Quaternion, Vector3
 
-from poise.assembly import Analysis, Assembly, Box, FrictionPair, RigidObject
+from poise.assembly import Analysis, Assembly, Box, FrictionPair, Push, RigidObject, Sphere, assess
 from poise.errors import ErrorCode, InputError
-from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, require_body
+from poise.geometry import Pose
+from poise.nodes.assembly_message import (
+    assembly_message,
+    assembly_of,
+    assumptions_of,
+    notes_of,
+    require_body,
+    robustness_message,
+)
 from poise.nodes.transforms import pose_of
 from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import Robustness as RobustnessMessage
 
 KNOWN = RigidObject("cube", CUBE.shape, CUBE.pose, mass=1.0, com=np.array([0.0, 0.1, 0.2]), inertia=0.2 * np.eye(3))
 
@@ -127,3 +136,13 @@ def test_every_default_is_stated_and_many_are_counted():
 def test_friction_that_is_not_given_survives_the_message():
     there = Assembly((FLOOR, CUBE), friction=None, friction_pairs=(FrictionPair(("floor", "cube"), 0.3),))
     assert assembly_of(assembly_message(there, FRAME)).friction is None
+
+
+def test_a_ball_survives_the_message_rolls_and_is_named():
+    floor = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)
+    ball = RigidObject("ball", Sphere(0.05), Pose(np.eye(3), np.array([0, 0, 0.05])), mass=0.4)
+    assembly = assembly_of(assembly_message(Assembly((floor, ball)), "world"))
+    assert assembly.objects[1].shape == Sphere(0.05)
+    found = assess(assembly, [Push("ball", (-0.05, 0, 0.05), (1, 0, 0))]).results[0]
+    assert robustness_message(found).mode == RobustnessMessage.MODE_ROLL
+    assert any(note.startswith("ball: may roll") for note in notes_of(Analysis.of(assembly)))

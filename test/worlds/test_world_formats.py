@@ -7,7 +7,17 @@ import pytest
 import trimesh
 import yaml
 
-from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, RigidObject, acceleration_limits, load_scene
+from poise.assembly import (
+    Assembly,
+    Box,
+    Cylinder,
+    FrictionPair,
+    Mesh,
+    RigidObject,
+    Sphere,
+    acceleration_limits,
+    load_scene,
+)
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_of_vector
 from poise.shape import check_mesh
@@ -260,6 +270,18 @@ def test_a_scene_file_has_masses_of_its_own(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no format has this ending"):
         write_world(mixed(), tmp_path / "a.step")
     assert {kind.name for kind in world_formats()} == {"mjcf", "moveit", "sdf", "urdf"}
+
+
+@pytest.mark.parametrize("ending", [".xml", ".sdf", ".scene", ".json"])
+def test_a_ball_comes_back_as_a_ball(tmp_path: Path, ending: str) -> None:
+    floor = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)
+    ball = RigidObject("ball", Sphere(0.05), Pose(np.eye(3), np.array([0, 0, 0.05])), mass=0.4)
+    write_world(Assembly((floor, ball), friction=0.4), tmp_path / f"a{ending}")
+    masses = {"ball": 0.4} if ending in (".scene", ".json") else {}
+    back, _ = read_world(tmp_path / f"a{ending}", masses=masses, friction=0.4)
+    assert back.objects[1].shape == Sphere(0.05)
+    np.testing.assert_allclose(back.objects[1].com_in_world, [0, 0, 0.05], atol=1e-9)
+    np.testing.assert_allclose(back.objects[1].inertia_in_world, 0.4 * 0.4 * 0.05**2 * np.eye(3), rtol=1e-6)
 
 
 @pytest.mark.parametrize("ending", [".scene", ".json"])

@@ -1,7 +1,8 @@
 """Which objects touch, where they touch, and the graph of their contacts.
 
 - `placed`, `penetration`: bodies at their poses, and how deep they overlap.
-- `contacts` (with `touching`, `round_contacts`): contact interfaces between bodies.
+- `contacts` (with `touching`, `round_contacts`, `sphere_contacts`): contact interfaces between bodies.
+- `round_touch`, `facet_curves`: lines and points on which bodies roll; meshes whose facets stand for round sides.
 - `graph`: the contact interface graph, cut into blocks. `surface`: points at which pushes are assessed.
 - `way_out`: straight lines along which an object can be taken away.
 """
@@ -15,7 +16,7 @@ from poise.assembly.contact.penetration import (
     distance_to_triangles,
     winding_number,
 )
-from poise.assembly.contact.placed import ContactPatch, bounds_of, placed, triangle_areas
+from poise.assembly.contact.placed import ContactPatch, RoundTouch, bounds_of, placed, triangle_areas
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
 from poise.assembly.contact.way_out import WayOut, way_out
 
@@ -25,6 +26,7 @@ __all__ = [
     "ContactBlock",
     "ContactPatch",
     "Interface",
+    "RoundTouch",
     "Structure",
     "SurfacePoints",
     "WayOut",

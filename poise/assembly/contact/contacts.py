@@ -1,19 +1,19 @@
 """Contact interfaces of an assembly: which objects touch, where, and with what friction."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from poise.assembly.contact.patches import patches_between
 from poise.assembly.contact.penetration import penetration_depth
-from poise.assembly.contact.placed import ContactPatch, PlacedBody, placed, triangle_areas
-from poise.assembly.contact.touching import FACE_ANGLE
+from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, hull_corners, placed, triangle_areas
+from poise.assembly.contact.round_touch import joint_touch, mesh_touch, resting_normal, widened
+from poise.assembly.contact.touching import FACE_ANGLE, NO_TRIANGLES
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError
-from poise.geometry import plane_axes, unit
+from poise.geometry import unit
 from poise.types import Array
 
 _Kept = TypeVar("_Kept")
@@ -35,6 +35,9 @@ class Interface:
         triangles: (T, 3, 3) the region touched; empty for lines and points.
         gap: m, negative where they overlap.
         friction: Coulomb coefficient.
+        touch: the line or point at which a round side touches; `points` are then the corners of the narrow region
+            around it in which rolling resistance lets the contact force act.
+        rolling: coefficient of rolling resistance.
         kept: what has been computed about the region, by name; copies of the interface with other places share it.
     """
 
@@ -45,12 +48,21 @@ class Interface:
     triangles: Array
     gap: float
     friction: float
+    touch: RoundTouch | None = None
+    rolling: float = 0.0
     kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def area(self) -> float:
         """m2; 0 for lines and points."""
         return self.once("area", lambda: float(triangle_areas(self.triangles).sum()))
+
+    def with_friction(self, friction: float, rolling: float) -> "Interface":
+        """The interface with other coefficients."""
+        if self.touch is None or rolling == self.rolling:
+            return replace(self, friction=friction)
+        points = widened(self.touch, self.normal, rolling)
+        return replace(self, friction=friction, points=points, rolling=rolling, kept={})
 
     def once(self, name: str, compute: Callable[[], _Kept]) -> _Kept:
         """What has been computed about the region under a name; computed now if it has not."""
@@ -81,9 +93,11 @@ def find_interfaces(
             continue
         first, second = bodies[i], bodies[j]
         _check_overlap(first, second, margin)
-        friction = assembly.friction_between(first.item.id, second.item.id)
+        names = first.item.id, second.item.id
+        friction, rolling = assembly.friction_between(*names), assembly.rolling_between(*names)
         for group in _by_plane(patches_between(first, second, margin), margin):
-            interfaces.append(_merged(group, i, j, friction))
+            found = _merged(group, i, j, (first, second))
+            interfaces.append(found.with_friction(friction, rolling))
     return interfaces
 
 
@@ -129,31 +143,24 @@ def _by_plane(patches: list[ContactPatch], margin: float) -> list[list[ContactPa
     return groups
 
 
-def _merged(group: list[ContactPatch], first: int, second: int, friction: float) -> Interface:
+def _merged(group: list[ContactPatch], first: int, second: int, bodies: tuple[PlacedBody, PlacedBody]) -> Interface:
     """One interface of patches in one plane: the corners of their common hull, and their whole region."""
-    if len(group) == 1 and len(group[0].points) <= 4:
-        lead = group[0]
-        return Interface(first, second, lead.normal, lead.points, lead.triangles, lead.gap, friction)
     areas = np.array([patch.area for patch in group])
     weights = areas if areas.sum() > 0 else np.ones(len(group))
-    normal = unit(np.sum([w * patch.normal for w, patch in zip(weights, group, strict=True)], axis=0))
-    points = _hull(np.concatenate([patch.points for patch in group]), normal)
-    gap = float(np.average([patch.gap for patch in group], weights=weights))
+    lead = group[0]
+    if len(group) == 1:
+        normal, gap = lead.normal, lead.gap
+        points = lead.points if len(lead.points) <= 4 else hull_corners(lead.points, normal)
+    else:
+        normal = unit(np.sum([w * patch.normal for w, patch in zip(weights, group, strict=True)], axis=0))
+        points = hull_corners(np.concatenate([patch.points for patch in group]), normal)
+        gap = float(np.average([patch.gap for patch in group], weights=weights))
+    touch = joint_touch(group, normal)
+    if touch is None:
+        on_plane = resting_normal(bodies, group, normal)
+        touch = mesh_touch(bodies, group, on_plane, points)
+        normal = normal if touch is None else on_plane
+    if touch is not None:
+        return Interface(first, second, normal, touch.points, NO_TRIANGLES, gap, 0.0, touch)
     triangles = np.concatenate([patch.triangles for patch in group])
-    return Interface(first, second, normal, points, triangles, gap, friction)
-
-
-def _hull(points: Array, normal: Array) -> Array:
-    """Corners of the convex hull of points in a plane, in order; the two ends when they are in line."""
-    plane = (points - points[0]) @ plane_axes(normal).T
-    spread = float(np.ptp(plane, axis=0).max())
-    if spread <= 1e-9:
-        return points[:1]
-    try:
-        corners = points[ConvexHull(plane).vertices]
-        # Corners that clipping has left side by side are one.
-        apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-5 * spread
-        return np.asarray(corners[apart])
-    except QhullError:
-        along = plane @ np.linalg.svd(plane - plane.mean(axis=0))[2][0]
-        return points[[int(along.argmin()), int(along.argmax())]]
+    return Interface(first, second, normal, points, triangles, gap, 0.0)

@@ -83,9 +83,9 @@ class Structure:
         for old in self.interfaces:
             first, second = ids[old.first], ids[old.second]
             if not names & {first, second}:
-                friction = assembly.friction_between(first, second)
                 places = assembly.index[first], assembly.index[second]
-                kept.append(replace(old, first=places[0], second=places[1], friction=friction))
+                friction, rolling = assembly.friction_between(first, second), assembly.rolling_between(first, second)
+                kept.append(replace(old.with_friction(friction, rolling), first=places[0], second=places[1]))
         return kept
 
     @cached_property

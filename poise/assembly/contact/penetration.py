@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.assembly.contact.placed import PlacedBody, meeting
-from poise.assembly.scene import Box, Cylinder, RigidObject, Shape
+from poise.assembly.scene import Box, Cylinder, RigidObject, Shape, Sphere
 from poise.types import Array, Mask
 
 _CROSSINGS, _PRODUCTS = 60_000, 2_000_000
@@ -59,6 +59,8 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
         return coal.Box(*shape.size)
     if isinstance(shape, Cylinder):
         return coal.Cylinder(shape.radius, shape.length)
+    if isinstance(shape, Sphere):
+        return coal.Sphere(shape.radius)
     points = coal.StdVec_Vec3s()
     points.extend(list(cast(Shape, shape).polyhedron.vertices))
     return coal.Convex.convexHull(points, False, "")
@@ -129,11 +131,13 @@ def _depths(points: Array, body: PlacedBody, bounds: Array) -> Array:
 
 
 def _height_over(points: Array, body: PlacedBody) -> Array:
-    """(N,) m over a convex body: over the highest of its planes, or a round one's caps and side; negative inside."""
+    """(N,) m over a convex body: over the highest of its planes, or a round one's surface; negative inside."""
     if body.cylinder is not None:
         local = body.item.pose.undo(points)
         over_caps = np.abs(local[:, 2]) - body.cylinder.length / 2
         return np.asarray(np.maximum(over_caps, np.linalg.norm(local[:, :2], axis=1) - body.cylinder.radius))
+    if body.sphere is not None:
+        return np.asarray(np.linalg.norm(body.item.pose.undo(points), axis=1) - body.sphere.radius)
     offsets = np.einsum("ij,ij->i", body.origins, body.normals)
     step = max(1, _PRODUCTS // len(offsets))
     parts = [points[k : k + step] @ body.normals.T - offsets for k in range(0, len(points), step)]

@@ -1,14 +1,30 @@
 """A rigid object at its place in the world: facets, edges and vertices as the search for contacts needs them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
+from scipy.spatial import ConvexHull, QhullError
 
-from poise.assembly.scene import Cylinder, Polyhedron, RigidObject
+from poise.assembly.scene import Cylinder, Polyhedron, RigidObject, Sphere
 from poise.geometry import plane_axes
 from poise.types import Array, Indices, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class RoundTouch:
+    """The line or point at which a round side touches.
+
+    Args:
+        points: (K, 3) m, both ends of a line, or one point.
+        radii: (K,) m, of the round side there; 1 / (1 / a + 1 / b) where both are round.
+        across: (3,) unit vector in which it rolls; None: every way in the plane.
+    """
+
+    points: Array
+    radii: Array
+    across: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +36,18 @@ class ContactPatch:
         normal: (3,) from the first body into the second.
         gap: m, negative where they overlap.
         triangles: (T, 3, 3) the region touched, m; empty for lines and points.
+        touch: where a round side touches; None for flat ones, and for sharp edges and vertices.
     """
 
     points: Array
     normal: Array
     gap: float
     triangles: Array
+    touch: RoundTouch | None = None
+
+    def turned(self) -> "ContactPatch":
+        """The same, from the second body into the first."""
+        return replace(self, normal=-self.normal)
 
     @property
     def area(self) -> float:
@@ -45,8 +67,18 @@ class PlacedBody:
 
     @property
     def cylinder(self) -> Cylinder | None:
-        """The shape, when it is round: then only its two caps are planar facets, and it has no edges."""
+        """The shape, when it is a cylinder: then only its two caps are planar facets, and it has no edges."""
         return self.item.shape if isinstance(self.item.shape, Cylinder) else None
+
+    @property
+    def sphere(self) -> Sphere | None:
+        """The shape, when it is a ball, which has no planar facets and no edges."""
+        return self.item.shape if isinstance(self.item.shape, Sphere) else None
+
+    @property
+    def facet_count(self) -> int:
+        """Number of planar facets, which come first among those of the polyhedron."""
+        return 0 if self.sphere else 2 if self.cylinder else len(self.polyhedron.normals)
 
     @property
     def vertices(self) -> Array:
@@ -54,7 +86,9 @@ class PlacedBody:
 
     @cached_property
     def bounds(self) -> Array:
-        """(2, 3) least and greatest coordinates; a round body's own, not its prism's."""
+        """(2, 3) least and greatest coordinates; a round body's own, not its polyhedron's."""
+        if self.sphere is not None:
+            return self.item.pose.translation + self.sphere.radius * np.array([[-1.0], [1.0]])
         if self.cylinder is None:
             return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
         axis = self.item.pose.rotation[:, 2]
@@ -69,8 +103,7 @@ class PlacedBody:
     @cached_property
     def normals(self) -> Array:
         """(F, 3) outward normals of the planar facets."""
-        count = 2 if self.cylinder else None
-        return self.polyhedron.normals[:count] @ self.item.pose.rotation.T
+        return self.polyhedron.normals[: self.facet_count] @ self.item.pose.rotation.T
 
     @cached_property
     def facet_bounds(self) -> Array:
@@ -100,8 +133,8 @@ class PlacedBody:
     @cached_property
     def origins(self) -> Array:
         """(F, 3) a point on each planar facet."""
-        first = [triangles[0, 0] for triangles in self.polyhedron.facet_triangles[: len(self.normals)]]
-        return self.vertices[first]
+        first = [triangles[0, 0] for triangles in self.polyhedron.facet_triangles[: self.facet_count]]
+        return self.vertices[np.array(first, dtype=np.int64)]
 
     @cached_property
     def axes(self) -> Array:
@@ -111,7 +144,7 @@ class PlacedBody:
     @cached_property
     def edges(self) -> Indices:
         """(E, 2) vertex numbers; none for a round body."""
-        return self.polyhedron.edges[: 0 if self.cylinder else None]
+        return self.polyhedron.edges[: 0 if self.cylinder or self.sphere else None]
 
     @cached_property
     def edge_normals(self) -> Array:
@@ -175,3 +208,19 @@ def triangle_areas(triangles: Array) -> Array:
     """(T,) areas of triangles (T, 3, 3)."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.asarray(np.linalg.norm(normals, axis=1) / 2)
+
+
+def hull_corners(points: Array, normal: Array) -> Array:
+    """Corners of the convex hull of points in a plane, in order; the two ends when they are in line."""
+    plane = (points - points[0]) @ plane_axes(normal).T
+    spread = float(np.ptp(plane, axis=0).max())
+    if spread <= 1e-9:
+        return points[:1]
+    try:
+        corners = points[ConvexHull(plane).vertices]
+        # Corners that clipping has left side by side are one.
+        apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-5 * spread
+        return np.asarray(corners[apart])
+    except QhullError:
+        along = plane @ np.linalg.svd(plane - plane.mean(axis=0))[2][0]
+        return points[[int(along.argmin()), int(along.argmax())]]

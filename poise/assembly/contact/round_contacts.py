@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from poise.assembly.contact.placed import ContactPatch, PlacedBody
+from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch
 from poise.assembly.contact.touching import NO_TRIANGLES, overlap, touching_patches
 from poise.assembly.scene import Cylinder
 from poise.geometry import unit
@@ -16,21 +16,17 @@ _LINE_ANGLE = np.radians(1.0)
 def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
     """All places where two bodies touch, at least one of them a cylinder."""
     if first.cylinder is None:
-        return [_turned(patch) for patch in round_patches(second, first, margin)]
+        return [patch.turned() for patch in round_patches(second, first, margin)]
     flat = touching_patches(first, second, margin)  # the caps are facets
     if flat and second.polyhedron.convex:
         return flat
     # The normals found below leave the other body towards this cylinder.
-    found = [_turned(patch) for patch in _on_facets(first, second, margin)]
+    found = [patch.turned() for patch in _on_facets(first, second, margin)]
     if second.cylinder is not None:
         found += _on_facets(second, first, margin) + _side_on_side(first, second, margin)
     else:
-        found += [_turned(patch) for patch in _side_on_edges(first, second, margin)]
+        found += [patch.turned() for patch in _side_on_edges(first, second, margin)]
     return flat + found
-
-
-def _turned(patch: ContactPatch) -> ContactPatch:
-    return ContactPatch(patch.points, -patch.normal, patch.gap, patch.triangles)
 
 
 def _frame(body: PlacedBody) -> tuple[Array, Array, float, float]:
@@ -65,7 +61,9 @@ def _on_facets(body: PlacedBody, base: PlacedBody, margin: float) -> list[Contac
         ends = shapely.get_coordinates(shapely.intersection(shape, base.polygon(int(facet))))
         gap = float(gaps.mean())
         points = base.origins[facet] + ends[[0, -1] if lying else [0]] @ base.axes[facet] + gap / 2 * normal
-        patches.append(ContactPatch(points, normal, gap, NO_TRIANGLES))
+        # A rim rolls along itself, and tips over it.
+        touch = RoundTouch(points, np.full(len(points), radius), unit(np.cross(normal, axis)))
+        patches.append(ContactPatch(points, normal, gap, NO_TRIANGLES, touch))
     return patches
 
 
@@ -84,7 +82,10 @@ def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[Co
         normal = -foot[0] / distance[0]
         gap = float(distance.mean()) - radius
         if np.all(np.abs(distance - radius) <= margin) and base.edge_pushes(int(edge), normal):
-            patches.append(ContactPatch(centre + points + gap / 2 * normal, normal, gap, NO_TRIANGLES))
+            places = centre + points + gap / 2 * normal
+            # Across an edge the side rolls as on a rail; over an edge along its axis it turns as over a corner.
+            rail = RoundTouch(places, np.array([radius]), unit(ends[1] - ends[0])) if len(points) == 1 else None
+            patches.append(ContactPatch(places, normal, gap, NO_TRIANGLES, rail))
     for vertex in np.unique(base.edges[near]):
         point = base.vertices[vertex] - centre
         foot = point - (point @ axis) * axis
@@ -128,4 +129,10 @@ def _side_on_side(first: PlacedBody, second: PlacedBody, margin: float) -> list[
         return []
     normal = foot[0] / distance[0]
     gap = float(distance.mean()) - radius_a - radius_b
-    return [ContactPatch(centre_a + points - (radius_b + gap / 2) * normal, normal, gap, NO_TRIANGLES)]
+    places = centre_a + points - (radius_b + gap / 2) * normal
+    if len(points) == 2:
+        lever = radius_a * radius_b / (radius_a + radius_b)
+        touch = RoundTouch(places, np.full(2, lever), unit(np.cross(normal, axis_a)))
+    else:  # each rolls along the other
+        touch = RoundTouch(places, np.array([min(radius_a, radius_b)]), None)
+    return [ContactPatch(places, normal, gap, NO_TRIANGLES, touch)]

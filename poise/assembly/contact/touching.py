@@ -28,7 +28,7 @@ def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> li
     edges = first.edges_near(near), second.edges_near(near)
     forward = _edges_on_facets(second, edges[1], first, facets[0], {(b, a) for a, b in pairs}, margin, tolerance)
     backward = _edges_on_facets(first, edges[0], second, facets[1], pairs, margin, tolerance)
-    turned = [ContactPatch(p.points, -p.normal, p.gap, p.triangles) for p in backward]
+    turned = [patch.turned() for patch in backward]
     return flat + forward + turned + _edge_across_edge(first, second, edges, margin)
 
 

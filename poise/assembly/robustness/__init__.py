@@ -5,6 +5,7 @@
 - `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
+- `rolling_findings`: sentences about what stands but can roll.
 """
 
 from poise.assembly.robustness.acceleration import AccelerationLimits, acceleration_limits
@@ -25,6 +26,7 @@ from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
+from poise.assembly.robustness.rolling_findings import rolling_findings
 from poise.assembly.robustness.sensitivity import Sensitivity, sensitivity
 from poise.assembly.robustness.turning_base import TurningBase
 from poise.assembly.robustness.uncertainty import MotionProbability, motion_probability
@@ -62,5 +64,6 @@ __all__ = [
     "patch_factors",
     "plan_disassembly",
     "robustness_map",
+    "rolling_findings",
     "sensitivity",
 ]

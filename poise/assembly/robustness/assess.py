@@ -40,7 +40,7 @@ class Robustness:
 
     @property
     def mode(self) -> str:
-        """none, slip, topple or mixed."""
+        """none, slip, topple, roll or mixed."""
         mechanism = self._evidence.mechanism
         return "none" if mechanism is None else mechanism.mode
 

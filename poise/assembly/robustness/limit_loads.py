@@ -18,7 +18,7 @@ class Movement(Protocol):
 
     @property
     def mode(self) -> str:
-        """slip, topple or mixed."""
+        """slip, topple, roll or mixed."""
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,13 @@
 """What an assembly is made of: rigid objects with their shapes, friction and gravity, and the files they come from.
 
-- `shapes`, `mesh_files`: boxes, cylinders and closed meshes as polyhedra.
+- `shapes`, `mesh_files`: boxes, cylinders, spheres and closed meshes as polyhedra.
 - `scene`: `RigidObject`, `FrictionPair` and `Assembly`. `scene_files`: YAML in and out.
 - `plausibility`: what in a scene is probably wrong.
 """
 
 from poise.assembly.scene.mesh_files import load_mesh
 from poise.assembly.scene.plausibility import SceneFinding, scene_findings
-from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
+from poise.assembly.scene.scene import ROLLING, Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.scene_files import (
     load_scene,
     pose_covariance_of,
@@ -17,9 +17,10 @@ from poise.assembly.scene.scene_files import (
     with_pose_covariance,
     write_scene,
 )
-from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, merge_facets
+from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, Sphere, merge_facets
 
 __all__ = [
+    "ROLLING",
     "Assembly",
     "Box",
     "Cylinder",
@@ -29,6 +30,7 @@ __all__ = [
     "RigidObject",
     "SceneFinding",
     "Shape",
+    "Sphere",
     "check_density",
     "load_mesh",
     "load_scene",

@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 
 from poise.assembly.scene.mesh_files import load_mesh
-from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject, check_density
-from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape
+from poise.assembly.scene.scene import ROLLING, Assembly, FrictionPair, RigidObject, check_density
+from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape, Sphere
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.geometry import STANDARD_GRAVITY, Pose
@@ -23,8 +23,8 @@ _UPPER = np.triu_indices(3)
 
 _EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
 
-_SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs", "pose_std"}
-_SHAPE_KEYS = {"box", "cylinder", "mesh", "scale"}
+_SCENE_KEYS = {"gravity", "friction", "rolling", "objects", "friction_pairs", "pose_std"}
+_SHAPE_KEYS = {"box", "cylinder", "sphere", "mesh", "scale"}
 _OBJECT_KEYS = _SHAPE_KEYS | {
     "id",
     "fixed",
@@ -37,7 +37,7 @@ _OBJECT_KEYS = _SHAPE_KEYS | {
     "pose_covariance",
 }
 _STD_KEYS = {"position", "rotation_deg"}
-_PAIR_KEYS = {"objects", "coefficient", "deviation"}
+_PAIR_KEYS = {"objects", "coefficient", "deviation", "rolling"}
 
 
 def load_scene(path: str | Path) -> Assembly:
@@ -74,6 +74,7 @@ def read_scene(content: Any, folder: Path = Path()) -> Assembly:
         objects=items,
         gravity=_numbers(scene.get("gravity", [0, 0, -STANDARD_GRAVITY]), 3, "gravity"),
         friction=None if friction is None else _number(friction, "friction"),
+        rolling=_number(scene.get("rolling", ROLLING), "rolling"),
         friction_pairs=tuple(_pair(entry, f"friction_pairs[{i}]") for i, entry in enumerate(pairs)),
     )
 
@@ -144,10 +145,13 @@ def scene_content(assembly: Assembly) -> dict[str, Any]:
         "friction": None if assembly.friction is None else float(assembly.friction),
         "objects": [_object_content(item) for item in assembly.objects],
     }
+    if assembly.rolling != ROLLING:
+        content["rolling"] = float(assembly.rolling)
     if assembly.friction_pairs:
         content["friction_pairs"] = [
             {"objects": list(p.objects), "coefficient": float(p.coefficient)}
             | ({"deviation": float(p.deviation)} if p.deviation else {})
+            | ({} if p.rolling is None else {"rolling": float(p.rolling)})
             for p in assembly.friction_pairs
         ]
     return content
@@ -162,6 +166,8 @@ def _object_content(item: RigidObject) -> dict[str, Any]:
         content["box"] = [float(value) for value in shape.size]
     elif isinstance(shape, Cylinder):
         content["cylinder"] = [float(shape.radius), float(shape.length)]
+    elif isinstance(shape, Sphere):
+        content["sphere"] = float(shape.radius)
     elif isinstance(shape, Mesh) and shape.source:
         content |= {"mesh": shape.source, "scale": float(shape.scale)}
     else:
@@ -183,16 +189,23 @@ def _object_content(item: RigidObject) -> dict[str, Any]:
 
 
 def _shape(entry: Mapping[str, Any], folder: Path, where: str) -> Shape:
-    kinds = [kind for kind in ("box", "cylinder", "mesh") if kind in entry]
+    kinds = [kind for kind in ("box", "cylinder", "sphere", "mesh") if kind in entry]
     if len(kinds) != 1:
         found = " and ".join(kinds) or "none"
-        raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: give one of box, cylinder or mesh (found {found})")
+        raise InputError(
+            ErrorCode.OBJECT_INVALID, f"{where}: give one of box, cylinder, sphere or mesh (found {found})"
+        )
     if kinds[0] == "mesh":
         if isinstance(entry["mesh"], Mesh):
             return entry["mesh"]
         if not isinstance(entry["mesh"], str):
             raise InputError(ErrorCode.BAD_INPUT, f"{where}: mesh is {entry['mesh']!r}, expected a file name")
         return load_mesh(entry["mesh"], folder, _number(entry.get("scale", 1.0), f"{where}: scale"))
+    if kinds[0] == "sphere":
+        radius = entry["sphere"]
+        # A list of one number, as boxes and cylinders have lists, is the radius, too.
+        given = radius if isinstance(radius, list) else [radius]
+        return Sphere(float(_numbers(given, 1, f"{where}: sphere")[0]))
     sizes = _numbers(entry[kinds[0]], 3 if kinds[0] == "box" else 2, f"{where}: {kinds[0]}")
     return Box(tuple(sizes.tolist())) if kinds[0] == "box" else Cylinder(*sizes.tolist())
 
@@ -235,6 +248,7 @@ def _pair(content: Any, where: str) -> FrictionPair:
         (names[0], names[1]),
         _number(entry.get("coefficient"), f"{where}: coefficient"),
         _number(entry.get("deviation", 0.0), f"{where}: deviation"),
+        _number(entry["rolling"], f"{where}: rolling") if "rolling" in entry else None,
     )
 
 

@@ -1,4 +1,4 @@
-"""Shapes of rigid objects: boxes, cylinders and meshes, as planar facets with edges, and with their mass properties."""
+"""Shapes of rigid objects: boxes, cylinders, spheres and meshes, as planar facets, and with their mass properties."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
@@ -15,6 +16,8 @@ from poise.ranges import check_range
 from poise.types import Array, Indices
 
 _CIRCLE_SIDES = 64
+_BALL_STEPS = 12
+"""Edges of the polyhedron in a ball between two axes."""
 # Neighbouring triangles within this angle are one facet, rad.
 _COPLANAR_ANGLE = 1e-3
 
@@ -160,6 +163,34 @@ class Cylinder:
         check_range("size", (self.radius, self.length), where)
 
 
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about its frame; radius in m."""
+
+    radius: float
+
+    @cached_property
+    def polyhedron(self) -> Polyhedron:
+        """Inscribed in it, for maps and pictures; contacts are those of the round surface."""
+        ball = _unit_ball()
+        return replace(ball, vertices=ball.vertices * self.radius)
+
+    @property
+    def volume(self) -> float:
+        return float(4 / 3 * np.pi * self.radius**3)
+
+    @property
+    def centroid(self) -> Array:
+        return np.zeros(3)
+
+    @property
+    def inertia_per_mass(self) -> Array:
+        return 0.4 * self.radius**2 * np.eye(3)
+
+    def check_size(self, where: str) -> None:
+        check_range("size", self.radius, where)
+
+
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """A closed triangle mesh. `source` and `scale` say where it came from, for writing the scene again.
@@ -297,3 +328,16 @@ def _unit_prism() -> Polyhedron:
     bottom = np.stack([0 * fan, fan + 1, fan], axis=1)
     sides = np.concatenate([np.stack([i, j, j + n], axis=1), np.stack([i, j + n, i + n], axis=1)])
     return merge_facets(vertices, np.concatenate([bottom, bottom[:, ::-1] + n, sides]))
+
+
+@cache
+def _unit_ball() -> Polyhedron:
+    """An octahedron whose faces are divided into triangles, with its vertices moved onto the unit sphere."""
+    n = _BALL_STEPS
+    steps = np.stack(np.meshgrid(*[np.arange(-n, n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    vertices = unit(steps[np.abs(steps).sum(axis=1) == n].astype(float))
+    triangles = ConvexHull(vertices).simplices.astype(np.int64)
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    triangles[inwards] = triangles[inwards, ::-1]
+    return merge_facets(vertices, triangles)

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from poise.assembly.contact import patches_between, placed
-from poise.assembly.scene import Cylinder, RigidObject
+from poise.assembly.scene import Cylinder, RigidObject, Sphere
 from poise.assembly.settling.belief import POINTS, SeenBodies
 from poise.assembly.settling.facets import Facets, Opposite, faces_in_line, facets_of, opposite_faces
 from poise.assembly.settling.rows import DistanceRows
@@ -168,12 +168,13 @@ def _of_faces(items: tuple[RigidObject, ...], bodies: SeenBodies, flat: Opposite
 def _of_round_sides(
     items: tuple[RigidObject, ...], bodies: SeenBodies, reach: Array, angle: Array
 ) -> Candidates | None:
-    """Sides of cylinders along lines of flat faces."""
+    """Sides of cylinders along lines of flat faces, and balls on flat faces."""
     parts, normals = [], []
     for second, item in enumerate(items):
-        if not isinstance(item.shape, Cylinder):
+        if not isinstance(item.shape, Cylinder | Sphere):
             continue
-        size = float(np.hypot(item.shape.radius, item.shape.length / 2))
+        length = item.shape.length if isinstance(item.shape, Cylinder) else 0.0
+        size = float(np.hypot(item.shape.radius, length / 2))
         for first, other in enumerate(items):
             if first == second or (bodies.slot[first] < 0 and bodies.slot[second] < 0):
                 continue
@@ -181,9 +182,10 @@ def _of_round_sides(
             near = other.pose.rotation.T @ (item.pose.translation - other.pose.translation)
             axis = other.pose.rotation.T @ item.pose.rotation[:, 2]
             lean = np.abs(facets.normals @ axis) <= np.sin(min(angle[first] + angle[second], 0.5))
+            lean |= length == 0
             height = np.einsum("fi,fi->f", facets.normals, near - facets.origins) - item.shape.radius
             for facet in np.flatnonzero(lean & (np.abs(height) <= reach[first] + reach[second] + size)):
-                found = _line(item.shape, near, axis, facets, int(facet), first, second)
+                found = _line(item.shape.radius, length, near, axis, facets, int(facet), first, second)
                 if found is not None:
                     parts.append(found)
                     normals.append(other.pose.rotation @ facets.normals[facet])
@@ -193,19 +195,25 @@ def _of_round_sides(
 
 
 def _line(
-    shape: Cylinder, centre: Array, axis: Array, facets: Facets, facet: int, first: int, second: int
+    radius: float, length: float, centre: Array, axis: Array, facets: Facets, facet: int, first: int, second: int
 ) -> DistanceRows | None:
-    """DistanceRows of a round side over a face: at both ends and in the middle of what the face covers of it."""
-    along = np.array([-0.5, 0.5]) * shape.length
+    """DistanceRows of a round side over a face: at both ends and in the middle of what the face covers of it.
+
+    Of length 0 it is a ball, whose centre has all three distances.
+    """
+    along = np.array([-0.5, 0.5]) * length
     plane = (centre + np.outer(along, axis) - facets.origins[facet]) @ facets.axes[facet].T
-    covered = shapely.intersection(shapely.LineString(plane), facets.outlines[facet])
-    if covered.length < 0.02 * shape.length:
+    points = np.zeros((POINTS, 3))
+    if length > 0:
+        covered = shapely.intersection(shapely.LineString(plane), facets.outlines[facet])
+        if covered.length < 0.02 * length:
+            return None
+        ends = shapely.get_coordinates(covered)[[0, -1]]
+        run = plane[1] - plane[0]
+        share = (ends - plane[0]) @ run / (run @ run)
+        points[:, 2] = along[0] + length * np.array([share[0], share[1], share.mean()])
+    elif not shapely.contains_xy(facets.outlines[facet], *plane[0]):
         return None
-    ends = shapely.get_coordinates(covered)[[0, -1]]
-    run = plane[1] - plane[0]
-    share = (ends - plane[0]) @ run / (run @ run)
-    places = along[0] + shape.length * np.array([share[0], share[1], share.mean()])
-    points = np.outer(places, [0.0, 0.0, 1.0])
     same = [np.repeat(value[None], POINTS, axis=0) for value in (facets.normals[facet], facets.origins[facet])]
     whole = [np.full(POINTS, place, dtype=np.int64) for place in (first, second)]
-    return DistanceRows(whole[0], whole[1], same[0], same[1], points, np.full(POINTS, shape.radius))
+    return DistanceRows(whole[0], whole[1], same[0], same[1], points, np.full(POINTS, radius))

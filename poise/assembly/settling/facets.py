@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from poise.assembly.contact import triangle_areas
-from poise.assembly.scene import Cylinder, Polyhedron, Shape
+from poise.assembly.scene import Cylinder, Polyhedron, Shape, Sphere
 from poise.geometry import Pose, plane_axes
 from poise.types import Array, Indices, Mask
 
@@ -51,11 +51,12 @@ class Facets:
 
 @lru_cache(maxsize=512)
 def facets_of(shape: Hashable) -> Facets:
-    """The large flat faces of a shape; the caps of a cylinder."""
+    """The large flat faces of a shape; the caps of a cylinder; none of a ball."""
     polyhedron = cast(Shape, shape).polyhedron
     areas = triangle_areas(polyhedron.vertices[polyhedron.triangles])
     share = np.bincount(polyhedron.facet_of_triangle, areas, len(polyhedron.normals)) / areas.sum()
     chosen = np.arange(2) if isinstance(shape, Cylinder) else np.flatnonzero(share >= _LEAST_SHARE)
+    chosen = chosen[:0] if isinstance(shape, Sphere) else chosen
     origins = np.array([polyhedron.vertices[polyhedron.facet_triangles[f][0, 0]] for f in chosen]).reshape(-1, 3)
     normals = polyhedron.normals[chosen]
     axes = plane_axes(normals) if len(chosen) else np.zeros((0, 2, 3))

@@ -5,6 +5,7 @@
 - `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`,
   `elastic_contacts`: elastic contacts.
 - `pushes`: loads. `analysis`: an assembly prepared for many queries. `changes`: updates after a change of the assembly.
+- `rolling`: what stands, but can roll.
 """
 
 from poise.assembly.statics.analysis import (
@@ -23,6 +24,7 @@ from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor
 from poise.assembly.statics.pushes import Loads, Push, loads_of
+from poise.assembly.statics.rolling import Rolling, rolling
 from poise.assembly.statics.single_patch import hull_edges
 
 __all__ = [
@@ -39,6 +41,7 @@ __all__ = [
     "Mechanism",
     "PatchMechanism",
     "Push",
+    "Rolling",
     "Stability",
     "analysis_after",
     "begin_near",
@@ -48,6 +51,7 @@ __all__ = [
     "loads_of",
     "patch_friction",
     "polygon_rows",
+    "rolling",
     "same_object",
     "unstable",
 ]

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.contact import CONTACT_MARGIN, ContactBlock, Interface, Structure
+from poise.assembly.contact import CONTACT_MARGIN, ContactBlock, Interface, RoundTouch, Structure
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.block_solvers import BlockKey, BlockSolvers
@@ -105,23 +105,44 @@ class Mechanism:
 
     @cached_property
     def mode(self) -> str:
-        """slip, topple or mixed: what happens at the interfaces that part.
+        """slip, topple, roll or mixed: what happens at the interfaces that part.
 
         An interface topples when its corners part at different speeds (more so than the dilatancy of limit analysis
-        asks of a patch that turns in its plane), and slips when the corner that parts least slides.
+        asks of a patch that turns in its plane), and slips when the corner that parts least slides without leaving.
+        Round sides roll where they turn about their line or point without leaving it.
         """
         geometry = self.block.geometry
         relative = (geometry.grasp.T @ self.twist).reshape(-1, 3)
         slide = np.linalg.norm(relative[:, 1:], axis=1)
         scale = max(float(np.abs(relative).max(initial=0.0)), 1e-300)
-        slips = topples = False
-        for number in range(len(self.block.block.interfaces)):
+        found: dict[str, bool] = dict.fromkeys(("slip", "topple", "roll"), False)
+        for number, interface in enumerate(self.block.interfaces):
             corners = geometry.interface == number
             parting, sliding = relative[corners, 0], slide[corners]
             dilatancy = geometry.friction[corners] * sliding
-            topples |= bool(np.ptp(parting) > 1.5 * np.ptp(dilatancy) + 1e-3 * scale)
-            slips |= bool(sliding[(parting - dilatancy).argmin()] > 1e-2 * scale)
-        return "mixed" if slips and topples else "slip" if slips else "topple"
+            last = int((parting - dilatancy).argmin())
+            # Friction parts elastic contacts at no speed, those of limit analysis at that of dilatancy.
+            leaving = parting[last] - (dilatancy[last] if self._still == _STILL else 0.0)
+            stays = leaving < 0.03 * sliding[last]
+            found["slip"] |= bool(sliding[last] > 1e-2 * scale and stays)
+            if interface.touch is not None:
+                parting, speed = self._on_touch(number, interface.touch, interface.normal)
+                found["roll"] |= speed > 1e-2 * scale and parting.min() < 2 * interface.rolling * speed + 1e-3 * scale
+            found["topple"] |= bool(np.ptp(parting) > 1.5 * np.ptp(dilatancy) + 1e-3 * scale)
+        modes = [mode for mode, seen in found.items() if seen]
+        return modes[0] if len(modes) == 1 else "mixed" if modes else "topple"
+
+    def _on_touch(self, number: int, touch: RoundTouch, normal: Array) -> tuple[Array, float]:
+        """(K,) how fast a round side leaves the points at which it touches, and how fast it rolls, in block units."""
+        units = self.block.geometry.units
+        twists = np.vstack([self.twist.reshape(-1, 6), np.zeros(6)])  # FIXED_NODE is the last
+        first, second = self.block.geometry.supports[number]
+        motion = twists[second] - twists[first]
+        points = (touch.points - units.origin) / units.length
+        leaves = (motion[:3] + np.cross(motion[3:], points)) @ normal
+        turning = np.cross(motion[3:], normal)
+        rate = float(np.linalg.norm(turning) if touch.across is None else abs(turning @ touch.across))
+        return leaves, rate * float(touch.radii.mean()) / units.length
 
 
 class PatchMechanism(Mechanism):

@@ -163,8 +163,11 @@ def _patch_friction(interface: Interface) -> PatchFriction:
         centroid = areas @ interface.triangles.mean(axis=1) / areas.sum()
         corners = (interface.triangles - centroid) @ axes.T
     else:
-        centroid = interface.points.mean(axis=0)
-        corners = ((interface.points - centroid) @ axes.T)[:, None]
+        # A round side presses along its line, in the middle of the narrow region that rolling resistance takes.
+        line = interface.touch is not None and len(interface.touch.points) == 2
+        points = interface.touch.points if interface.touch is not None and line else interface.points
+        centroid = points.mean(axis=0)
+        corners = ((points - centroid) @ axes.T)[:, None]
     size = float(np.abs(corners).max()) or 1.0
     # Rounded, because stacks repeat the same patch at other places.
     scaled = np.round(corners / size, 9) + 0.0

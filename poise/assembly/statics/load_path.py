@@ -18,6 +18,8 @@ _AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
 _MANY, _SURE = 12, 1.5
 """After more Newton steps than this a longer step may have led to another equilibrium: a shorter one is tried."""
 _LEAST_GROWTH, _STEPS = 1.1, 40
+_SHORTER = 6
+"""Times that the first step is taken again, an eighth as long, where it led to collapse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +87,9 @@ def follow(
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
-    way, done, ahead = compliance * first, 0.0, _AFTER_FEW
-    slope = response / compliance
+    slope, way, done, ahead = response / compliance, compliance * first, 0.0, _AFTER_FEW
     guess = rest + way * slope
-    points = [PathPoint(rest, 0.0)]
+    points, shorter = [PathPoint(rest, 0.0)], 0
     for _ in range(_STEPS):
         here, last = reach(guess), points[-1]
         if here is None or (here.steps > _MANY and done and ahead > _SURE):
@@ -99,7 +100,11 @@ def follow(
             guess = last.displacement + (way - done) * slope
             continue
         if not here.held:
-            return LoadPath(points, here.displacement, True)
+            if done or shorter == _SHORTER:
+                return LoadPath(points, here.displacement, True)
+            shorter, way = shorter + 1, way / 8  # within the first step, as where a small load rolls something away
+            guess = rest + way * slope
+            continue
         points.append(here)
         flat = tolerance * here.factor
         collapsed = done and here.factor - last.factor <= flat * np.log2(way / done)

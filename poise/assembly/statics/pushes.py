@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from poise.assembly.contact import distance_to_triangles
-from poise.assembly.scene import Assembly, Box, Cylinder, RigidObject
+from poise.assembly.scene import Assembly, Box, Cylinder, RigidObject, Sphere
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
 from poise.ranges import directions_of, vectors
@@ -93,6 +93,8 @@ def surface_distance(item: RigidObject, points: Array) -> Array:
     if isinstance(item.shape, Cylinder):
         across = np.linalg.norm(local[:, :2], axis=1) - item.shape.radius
         return _signed_to_surface(np.stack([across, np.abs(local[:, 2]) - item.shape.length / 2], axis=1))
+    if isinstance(item.shape, Sphere):
+        return _signed_to_surface(np.linalg.norm(local, axis=1)[:, None] - item.shape.radius)
     triangles = item.shape.polyhedron.vertices[item.shape.polyhedron.triangles]
     centres = triangles.mean(axis=1)
     reach = float(np.linalg.norm(triangles - centres[:, None], axis=2).max())

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, RigidObject
+from poise.assembly import Assembly, Box, Cylinder, RigidObject, Sphere
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, quaternion_of_rotation
 from poise.types import Array
@@ -66,6 +66,9 @@ class Engine:
         shape = item.shape
         if isinstance(shape, Cylinder):
             body.add_geom(type=kinds.mjGEOM_CYLINDER, size=[shape.radius, shape.length / 2, 0], **common)
+            return
+        if isinstance(shape, Sphere):
+            body.add_geom(type=kinds.mjGEOM_SPHERE, size=[shape.radius, 0, 0], **common)
             return
         pieces = [shape.polyhedron.vertices] if isinstance(shape, Box) else convex_pieces(shape.polyhedron)
         for number, corners in enumerate(pieces):

@@ -155,7 +155,7 @@ def _rubbing(scene: Assembly, acceleration: Array, mover: str, other: str) -> Ca
     def made() -> Iterator[Candidate]:
         values = np.geomspace(*_FRICTION)
         for value in values:
-            pair = FrictionPair((mover, other), float(value))
+            pair = FrictionPair((mover, other), float(value), rolling=scene.rolling_between(mover, other))
             yield Candidate(float(value), 1 / len(values), scene.with_object(pairs=[pair]), acceleration)
 
     return made

@@ -1,0 +1,29 @@
+"""Sentences about what stands but can roll, for answers that would otherwise only say that it stands."""
+
+import numpy as np
+
+from poise.assembly.scene import SceneFinding
+from poise.assembly.statics import Analysis, Deadline, Rolling, rolling
+
+_NAMED = 4
+
+
+def rolling_findings(analysis: Analysis) -> tuple[SceneFinding, ...]:
+    """What can roll, of all that was found to stand so far; one finding for what rolls together. See `rolling`."""
+    found = rolling(analysis, Deadline.after(0.0))
+    return tuple(SceneFinding(_sentence(each), _evidence(each)) for each in found)
+
+
+def _sentence(found: Rolling) -> str:
+    more = len(found.objects) - _NAMED
+    names = ", ".join(found.objects[:_NAMED]) + (f" and {more} more" if more > 0 else "")
+    starts = f": {found.force:.2g} N at the centre of mass moves it" if np.isfinite(found.force) else ""
+    held = f"only rolling resistance holds it (coefficient {found.coefficient:g}{starts})"
+    if found.equilibrium == "stable":
+        return f"{names}: may rock on a round side (stable equilibrium): {held}, and it comes back"
+    return f"{names}: may roll ({found.equilibrium} equilibrium): {held}; chock it, or put it behind a lip"
+
+
+def _evidence(found: Rolling) -> dict[str, float]:
+    evidence = {"coefficient": found.coefficient}
+    return evidence | ({"force": found.force} if np.isfinite(found.force) else {})

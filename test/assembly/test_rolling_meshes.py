@@ -1,0 +1,123 @@
+"""Meshes that stand for round bodies roll as these do; flat sides of other meshes stay flat."""
+
+import assembly_scenes as scenes
+import numpy as np
+import pytest
+import rolling_scenes as rolls
+import shapely
+import trimesh
+from assembly_scenes import G
+from rolling_scenes import R
+
+from poise.assembly import Analysis, Mesh, RigidObject, acceleration_limits
+from poise.assembly.scene import ROLLING
+from poise.assembly.statics import rolling
+
+
+def limits(assembly):
+    return acceleration_limits(assembly, np.array([[1.0, 0, 0], [-1, 0, 0]]), turning=False).limits
+
+
+def extruded(outline):
+    return trimesh.creation.extrude_polygon(outline, 0.2)
+
+
+@pytest.mark.parametrize("sides", [12, 32, 64, 180, 720])
+def test_a_prism_of_many_sides_rolls_as_the_cylinder_that_it_stands_for(sides):
+    """Its flat side would hold it up to tan(pi / sides): 0.27 g for 12, a hundred times too much for the cylinder."""
+    assembly = rolls.prism(sides)
+    found = acceleration_limits(assembly, 72, turning=False).limits
+    assert found.min() == pytest.approx(ROLLING * G, rel=0.05)
+    assert [each.objects for each in rolling(Analysis.of(assembly))] == [("body",)]
+
+
+def test_a_prism_of_eight_sides_is_flat():
+    found = acceleration_limits(rolls.prism(8), 360, turning=False).limits
+    assert found.min() == pytest.approx(np.tan(np.pi / 8) * G, rel=1e-3)
+    assert not rolling(Analysis.of(rolls.prism(8)))
+
+
+BALLS = {
+    "icosphere of 80": trimesh.creation.icosphere(1, R),
+    "icosphere of 1280": trimesh.creation.icosphere(3, R),
+    "meridians": trimesh.creation.uv_sphere(R, [32, 32]),
+}
+
+
+@pytest.mark.parametrize("name", BALLS)
+@pytest.mark.parametrize("facet", [0, 7, 60])
+def test_a_mesh_of_a_ball_rolls_every_way_whatever_facet_it_lies_on(name, facet):
+    surface = BALLS[name]
+    found = limits(rolls.mesh_on_floor(surface, surface.face_normals[facet]))
+    assert found == pytest.approx(ROLLING * G, rel=0.2)
+
+
+def test_a_cone_rolls_at_the_radius_under_its_centre_of_mass():
+    surface = trimesh.creation.cone(radius=R, height=0.15, sections=64)
+    side = int(np.argmax(np.where(surface.face_normals[:, 2] > -0.5, surface.area_faces, 0)))
+    assembly = rolls.mesh_on_floor(surface, surface.face_normals[side])
+    found = acceleration_limits(assembly, 360, turning=False).limits.min()
+    # Along a side, three quarters of the way from the tip, the centre of mass is h sin(half angle) above the floor, and
+    # the edges of the region in which the contact force acts are there R cos / cos away, per coefficient.
+    half = np.arctan(R / 0.15)
+    height, radius = 0.75 * 0.15 * np.sin(half), 0.75 * 0.15 * np.cos(half) ** 2 / 0.15 * R / np.cos(half)
+    assert found == pytest.approx(ROLLING * G * radius / height, rel=0.03)
+
+
+FLAT = {
+    "rounded edges": extruded(shapely.box(-0.04, -0.04, 0.04, 0.04).buffer(0.01, quad_segs=8)),
+    "a flat on a bar": extruded(
+        shapely.Point(0, 0).buffer(R, quad_segs=16).intersection(shapely.box(-1, -0.9 * R, 1, 1))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_flat_sides_between_round_ones_hold(name):
+    assembly = rolls.mesh_on_floor(FLAT[name], [0, -1, 0])
+    assert Analysis.of(assembly).structure.interfaces[0].area > 1e-3
+    assert not rolling(Analysis.of(assembly))
+
+
+def test_a_mesh_whose_mass_is_off_its_axis_by_more_than_a_facet_does_not_stand():
+    surface = trimesh.creation.cylinder(radius=R, height=0.2, sections=64)
+    down = np.array([np.cos(np.pi / 64), np.sin(np.pi / 64), 0])
+    touch = Analysis.of(rolls.mesh_on_floor(surface, down)).structure.interfaces[0].touch
+    for off, stands in ((0.02 * R, True), (0.2 * R, False)):
+        analysis = Analysis.of(rolls.mesh_on_floor(surface, down, com=off * touch.across))
+        assert analysis.stability().stable == stands
+
+
+def test_a_mesh_can_between_chocks_is_held_and_a_box_on_a_fixed_mesh_pipe_rocks():
+    mesh = rolls.prism(64).objects[1]
+    between = scenes.on_floor(mesh, *turned_chocks(mesh))
+    assert limits(between).min() > 0.5 * G
+    pipe = RigidObject("pipe", mesh.shape, mesh.pose, fixed=True)
+    top = float(mesh.vertices[:, 2].max())
+    on = scenes.on_floor(pipe, scenes.box("plank", (0.1, 0.1, 0.02), (0, 0, top + 0.01)))
+    assert [(each.objects, each.equilibrium) for each in rolling(Analysis.of(on))] == [(("plank",), "stable")]
+
+
+def turned_chocks(mesh):
+    """Chocks as high as the axis, whichever way the mesh lies, as upright walls."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return [
+        scenes.fixed_box(f"{axis}{side}", (0.02, 1, R) if axis == 0 else (1, 0.02, R), middle)
+        for axis in (0, 1)
+        for side, edge in ((-1, low[axis] - 0.01), (1, high[axis] + 0.01))
+        for middle in ((edge, 0, R / 2) if axis == 0 else (0, edge, R / 2),)
+    ]
+
+
+def test_a_rigid_cart_on_two_wheels_in_one_mesh_does_not_roll():
+    wheels = [trimesh.creation.cylinder(radius=R, height=0.1, sections=64) for _ in range(2)]
+    for wheel, x in zip(wheels, (-0.15, 0.15), strict=True):
+        wheel.apply_translation([x, 0, 0])
+    beam = trimesh.creation.box([0.3, 0.02, 0.06])
+    cart = trimesh.boolean.union([*wheels, beam], engine="manifold")
+    cart.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    mesh = Mesh(np.asarray(cart.vertices), np.asarray(cart.faces, dtype=np.int64))
+    assembly = scenes.on_floor(
+        RigidObject("cart", mesh, scenes.pose((0, 0, -float(mesh.vertices[:, 2].min()))), mass=1.0)
+    )
+    assert limits(assembly).min() == pytest.approx(0.5 * G, rel=0.01)
