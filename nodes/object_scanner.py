@@ -91,8 +91,7 @@ class ObjectScanner(ArmNode):
         self._answer: tuple[PoiseError | None, SegmentedObject | None] | None = None
         self._error: PoiseError | None = None
         self._readiness = Readiness(0.0)
-        self._share, self._ticks, self._taken, self._ended = 0.0, 0, 0, 0.0
-        self._computing = False
+        self._share, self._ticks, self._taken, self._ended, self._computing = 0.0, 0, 0, 0.0, False
         self._cancelled = threading.Event()
         self._listening: list[Any] = []
         self._frames: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""An object that is pushed once in the middle of a sweep is reported and corrected; and healthy sweeps, in two worlds."""
+"""An object that is pushed once during a sweep is reported and corrected; and healthy sweeps, in two worlds."""
 
 from dataclasses import replace
 from functools import cache
