@@ -105,3 +105,21 @@ def test_an_object_at_rest_has_not_moved(noise):
 def test_at_rest_before_a_stereo_camera_it_has_not_moved_either():
     assert not reported(scan(brick_views()))
     assert not reported(scan(foreign(brick_views(), 0.0, seed=8)))
+
+
+def test_frames_that_stop_halfway_leave_a_volume_that_knows_it():
+    found = scan(brick_views()[:12])
+    assert any("sides are guessed" in note for note in found.notes)
+    solid = found.segmented().solid
+    assert abs(solid.volume - VOLUME) < 2 * solid.volume_std
+
+
+def test_a_hand_near_the_lens_is_not_a_part_of_the_object():
+    covered = [
+        replace(view, frame=replace(view.frame, depth=np.full_like(view.frame.depth, 0.1))) if 6 <= row < 10 else view
+        for row, view in enumerate(brick_views())
+    ]
+    found = scan(covered)
+    assert not reported(found)
+    assert found.n_objects == 2  # and a note says which one was taken
+    np.testing.assert_allclose(np.ptp(found.points, axis=0), BRICK, atol=6e-3)
