@@ -19,7 +19,7 @@ from poise.types import Array
 
 _OPTICAL = "camera_color_optical_frame"
 _HAND_EYE = Mounting(
-    "link_eef", _OPTICAL, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02])
+    np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02]), "link_eef", _OPTICAL
 )
 """On the xArm7's flange, beside the gripper and looking along it."""
 VGA = Camera(640, 480, 615.0, 615.0, 319.5, 239.5)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
+from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
@@ -30,6 +30,7 @@ from poise.nodes.object_scanner_parameters import (
     session_options,
     stored_calibration,
     sweep_options,
+    transported,
 )
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.readiness import Readiness
@@ -69,7 +70,7 @@ _SETTLE = 1.0
 _COLLECTING = 0.8
 """Share of the progress that is taking frames; the rest is computing."""
 DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
-COLOUR, _CLOUD = "camera/color/image_raw", "camera/depth/color/points"
+COLOUR, _COLOUR_INFO, _CLOUD = "camera/color/image_raw", "camera/color/camera_info", "camera/depth/color/points"
 
 
 class ObjectScanner(ArmNode):
@@ -90,8 +91,7 @@ class ObjectScanner(ArmNode):
         self._answer: tuple[PoiseError | None, SegmentedObject | None] | None = None
         self._error: PoiseError | None = None
         self._readiness = Readiness(0.0)
-        self._share, self._ticks, self._taken, self._ended = 0.0, 0, 0, 0.0
-        self._computing = False
+        self._share, self._ticks, self._taken, self._ended, self._computing = 0.0, 0, 0, 0.0, False
         self._cancelled = threading.Event()
         self._listening: list[Any] = []
         self._frames: dict[str, Any] = {}
@@ -137,18 +137,18 @@ class ObjectScanner(ArmNode):
     def _listen(self) -> None:
         reliability = ReliabilityPolicy.BEST_EFFORT if self._values["best_effort"] else ReliabilityPolicy.RELIABLE
         qos = QoSProfile(depth=20, reliability=reliability)
+        depth_kind, depth = transported(DEPTH, self._values["depth_image_transport"])
+        colour_kind, colour = transported(COLOUR, self._values["image_transport"])
+        takes: list[tuple[Any, str, Callable[[ScanSession, Any], None]]] = [
+            (CameraInfo, INFO, lambda session, said: session.set_camera(camera_of(said))),
+            (CameraInfo, _COLOUR_INFO, lambda session, said: session.set_colour_camera(camera_of(said))),
+            (depth_kind, depth, lambda session, said: session.add_depth(image_of(said, depth), time.monotonic())),
+            (colour_kind, colour, lambda session, said: session.add_colour(image_of(said, colour))),
+            (PointCloud2, _CLOUD, lambda session, said: session.add_cloud(frame_of_cloud(said), time.monotonic())),
+        ]
         self._listening = [
-            self.create_subscription(kind, topic, guarded(self, partial(self._take, take)), qos)
-            for kind, topic, take in (
-                (CameraInfo, INFO, lambda session, message: session.set_camera(camera_of(message))),
-                (Image, DEPTH, lambda session, message: session.add_depth(image_of(message, DEPTH), time.monotonic())),
-                (Image, COLOUR, lambda session, message: session.add_colour(image_of(message, COLOUR))),
-                (
-                    PointCloud2,
-                    _CLOUD,
-                    lambda session, message: session.add_cloud(frame_of_cloud(message), time.monotonic()),
-                ),
-            )
+            self.create_subscription(kind, name, guarded(self, partial(self._take, use)), qos)
+            for kind, name, use in takes
         ]
 
     def _take(self, take: Any, message: Any) -> None:
@@ -186,7 +186,7 @@ class ObjectScanner(ArmNode):
 
     def _begin_to_look(self, goal: WatchedGoal) -> None:
         options = session_options(self._values, goal.request, 0.0 if self._sweep is None else self._sweep.seconds)
-        self._session = ScanSession(options, self._values["depth_unit"], time.monotonic())
+        self._session = ScanSession(options, time.monotonic())
         self._listen()
 
     def _await_robot(self, goal: WatchedGoal) -> None:

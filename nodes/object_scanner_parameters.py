@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sensor_msgs.msg import CompressedImage, Image
 
 from poise.calibration import StoredCalibration, read_calibration
 from poise.errors import ErrorCode, InputError
@@ -14,6 +15,7 @@ from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionO
 from poise.shape import SegmentationOptions
 
 _REFINE = ("auto", "always", "never")
+_TRANSPORTS, _DEPTH_TRANSPORTS = ("raw", "compressed"), ("raw", "compressedDepth")
 _NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
 SCANNER_PARAMETERS = (
@@ -23,7 +25,21 @@ SCANNER_PARAMETERS = (
     Parameter("duration", 60.0, "s after which a scan ends with the frames it has", (0.1, 3600.0), dynamic=True),
     Parameter("patience", 5.0, "s without a frame after which it ends", (0.1, 600.0), dynamic=True),
     Parameter("best_effort", False, "also accept images from a best-effort publisher (some may be lost)"),
-    Parameter("depth_unit", 0.001, "unit of integer depth images, m", (1e-6, 1.0)),
+    Parameter(
+        "depth_unit",
+        0.0,
+        "unit of integer depth images, m; 0: millimetres, or the unit in which the views show one table",
+        (0.0, 1.0),
+    ),
+    Parameter(
+        "image_transport", "raw", "of the colour images: raw, or compressed (topic IMAGE/compressed)", _TRANSPORTS
+    ),
+    Parameter(
+        "depth_image_transport",
+        "raw",
+        "of the depth: raw, or compressedDepth (topic IMAGE/compressedDepth, PNG or RVL)",
+        _DEPTH_TRANSPORTS,
+    ),
     Parameter("camera_delay", 0.0, "delay of the stamps of images relative to those of joint_states, s", (-1.0, 1.0)),
     Parameter("hand_frame", "ft_sensor", "link of the robot for hand_eye, and for the joints that `sweep` moves"),
     Parameter(
@@ -82,6 +98,11 @@ SCANNER_PARAMETERS = (
 )
 
 
+def transported(topic: str, transport: str) -> tuple[type[Image | CompressedImage], str]:
+    """Type and name of the topic on which image_transport publishes an image."""
+    return (Image, topic) if transport == "raw" else (CompressedImage, f"{topic}/{transport}")
+
+
 def session_options(values: dict[str, Any], request: Any, sweep: float = 0.0) -> SessionOptions:
     """When frames are taken; over all of a sweep of so many s."""
     frames = int(request.max_frames) or (STATIONARY_FRAMES if request.stationary else values["max_frames"])
@@ -118,7 +139,7 @@ def sweep_options(values: dict[str, Any]) -> SweepOptions:
     """
     stored = stored_calibration(values)
     delay = values["camera_delay"] + (0.0 if stored is None else stored.delay)
-    return SweepOptions(hand_eye=given_eye(values), unit=values["depth_unit"], delay=delay)
+    return SweepOptions(hand_eye=given_eye(values), unit=values["depth_unit"] or None, delay=delay)
 
 
 def scan_options(values: dict[str, Any]) -> ScanOptions:

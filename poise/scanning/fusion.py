@@ -112,6 +112,15 @@ def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     return surface
 
 
+def object_points(views: Sequence[View], footprint: Footprint, voxel: float) -> Array:
+    """(N, 3) m: what the views show of an object, averaged in voxels, whether they agree or not.
+
+    Raises:
+        InputError: SCAN_INCOMPLETE when they show nothing of it.
+    """
+    return _gather(views, footprint, voxel).points
+
+
 def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     """What the views show of the object, averaged in voxels; normals are not known yet."""
     parts = each(views, lambda view: _object_pixels(view, footprint, voxel))

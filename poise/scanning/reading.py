@@ -8,23 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import Pose
 from poise.recording import Image, JointStream, PoseStream, Recording, image_of, messages_of, stamp_of, stamps_of
-from poise.robot import FrameTree, Mounting, frames_above, has_topic, is_constant
+from poise.robot import Mounting, frames_above, has_topic, is_constant
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_frames import frame_of_cloud
-from poise.scanning.frames import MILLIMETRE, Frame, View, depth_in_metres, dropped_blind
-from poise.scanning.painting import painted
+from poise.scanning.frames import Frame, dropped_blind
+from poise.scanning.imaging import frames_of_images
 from poise.scanning.placing import Sweep, place, place_by_tf
-from poise.scanning.topics import CameraTopics, find_topics
-from poise.scanning.units import guessed_unit
+from poise.scanning.topics import find_topics
 from poise.types import Progress
 
 MOST_FRAMES = 127
 """As many as the thesis' scan had (section 3.2.4)."""
 FRAMES_TOGETHER = 0.04
 """s between a depth image and the colours that belong to it."""
-_INTEGERS = ("16UC1", "mono16")
 _NO_JOINTS = (
     ErrorCode.TOPIC_MISSING, ErrorCode.ROBOT_DESCRIPTION_MISSING, ErrorCode.FRAME_UNKNOWN, ErrorCode.JOINT_MISSING,
 )  # fmt: skip
@@ -75,14 +72,13 @@ def read_sweep(recording: Recording, options: SweepOptions, progress: Progress =
         return _with(_placed(recording, frames, options), blind)
     images = _images(recording, topics.depth, chosen, progress)
     camera = camera_of(next(messages_of(recording, topics.info)))
-    paint = _Paint(recording, topics, chosen)
-    unit: float = options.unit or MILLIMETRE
-    notes: list[str] = []
-    if options.unit is None and images and images[0].encoding in _INTEGERS:
-        unit, notes = _unit(recording, images, camera, options)
-    frames, blind = dropped_blind([frame_of(image, None, camera, unit) for image in images])
-    sweep = _placed(recording, [paint.on(frame) for frame in frames], options)
-    return _with(sweep, [*notes, *blind, *paint.notes])
+    lens = camera_of(next(messages_of(recording, topics.colour_info))) if topics.colour_info else None
+    colours = _colours(recording, topics.colour, chosen)
+    fixed = fixed_transforms(recording)
+    frames, notes = frames_of_images(
+        images, camera, colours, lens, fixed, options.unit, lambda some: _placed(recording, some, options).views
+    )
+    return _with(_placed(recording, frames, options), notes)
 
 
 def _with(sweep: Sweep, notes: list[str]) -> Sweep:
@@ -120,25 +116,6 @@ def _moved(recording: Recording, chain: Sequence[PoseStream]) -> bool:
     return any(not is_constant(one) for one in chain) or bool(chain and not robot)
 
 
-def _unit(
-    recording: Recording, images: Sequence[Image], camera: Camera, options: SweepOptions
-) -> tuple[float, list[str]]:
-    """m, of integer depth, and what to say of it."""
-    few = [images[i] for i in _evenly(len(images), min(12, len(images)))]
-    known = np.concatenate([image.pixels[::8, ::8][image.pixels[::8, ::8] > 0].astype(np.float64) for image in few])
-    if not len(known):
-        return MILLIMETRE, []
-
-    by_stamp = {image.stamp: image for image in few}
-    placed = _placed(recording, [frame_of(image, None, camera) for image in few], options).views
-
-    def views_in(unit: float) -> list[View]:
-        return [replace(view, frame=frame_of(by_stamp[view.frame.stamp], None, camera, unit)) for view in placed]
-
-    unit, note = guessed_unit(float(np.median(known)), views_in, np.array([0.0, 0.0, 1.0]))
-    return unit, [note] if note else []
-
-
 def _images(recording: Recording, topic: str, chosen: NDArray[np.int64], progress: Progress) -> list[Image]:
     """The depth images of some stamps."""
     wanted, images = set(chosen.tolist()), list[Image]()
@@ -159,87 +136,9 @@ def _cloud_frames(recording: Recording, topic: str, chosen: NDArray[np.int64], p
     return frames
 
 
-class _Paint:
-    """The colours of frames: as they are where they are aligned, else looked up; left out where that is not possible.
-
-    Args:
-        recording, topics: where they are.
-        chosen: (N,) ns, stamps of the depth.
-    """
-
-    def __init__(self, recording: Recording, topics: CameraTopics, chosen: NDArray[np.int64]) -> None:
-        self.notes: list[str] = []
-        self._recording, self._topics = recording, topics
-        self._images = _colours(recording, topics.colour, chosen)
-        self._lens: Camera | None = None
-        self._poses: dict[tuple[str, str], Pose | None] = {}
-
-    def on(self, frame: Frame) -> Frame:
-        """The frame with its colours."""
-        image = self._images.get(frame.stamp)
-        if image is None:
-            return frame
-        same_size = image.pixels.shape[:2] == frame.depth.shape
-        if same_size and image.frame_id == frame.frame_id:
-            return replace(frame, colours=image.pixels)
-        pose, lens = self._pose(image.frame_id, frame.frame_id), self._camera()
-        if pose is not None and lens is not None and image.pixels.shape[:2] == (lens.height, lens.width):
-            self._say("depth and colour are not aligned: each depth pixel was looked up in the colour image")
-            return replace(frame, colours=painted(frame.depth, frame.camera, image.pixels, lens, pose))
-        self._say(
-            f"depth ({frame.camera.width} x {frame.camera.height}, {frame.frame_id}) and colour"
-            f" ({image.pixels.shape[1]} x {image.pixels.shape[0]}, {image.frame_id}) are not aligned, and"
-            f" {'tf_static does not connect them' if pose is None else 'the colour has no fitting camera_info'}: the"
-            " colours were left out"
-        )
-        return frame
-
-    def _say(self, note: str) -> None:
-        if note not in self.notes:
-            self.notes.append(note)
-
-    def _pose(self, colour_frame: str, depth_frame: str) -> Pose | None:
-        key = colour_frame, depth_frame
-        if key not in self._poses:
-            tree = FrameTree(one_parent=False, keep=False)
-            for one in fixed_transforms(self._recording):
-                tree.add([0], one.parent, one.child, one.rotation[None], one.translation[None], fixed=True)
-            same = Pose.identity() if colour_frame == depth_frame else None
-            self._poses[key] = same or tree.pose(depth_frame, colour_frame)
-        return self._poses[key]
-
-    def _camera(self) -> Camera | None:
-        if self._lens is None and self._topics.colour_info:
-            self._lens = camera_of(next(messages_of(self._recording, self._topics.colour_info)))
-        return self._lens
-
-
 def camera_of(message: Any) -> Camera:
     """From the fields of sensor_msgs/CameraInfo."""
     return Camera.from_info(message.width, message.height, message.k, str(message.distortion_model), message.d)
-
-
-def frame_of(depth: Image, colour: Image | None, camera: Camera, unit: float = MILLIMETRE) -> Frame:
-    """A depth image with its colours, if they are aligned to it.
-
-    Raises:
-        InputError: TYPE_MISMATCH when depth, colour and camera are not of one size.
-    """
-    height, width = depth.pixels.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise InputError(
-            ErrorCode.TYPE_MISMATCH,
-            f"scan: depth has {width} x {height} pixels, its camera_info {camera.width} x {camera.height}; take the"
-            " camera_info of the same image",
-        )
-    if colour is not None and colour.pixels.shape[:2] != (height, width):
-        raise InputError(
-            ErrorCode.TYPE_MISMATCH,
-            f"scan: depth has {width} x {height} pixels, colour {colour.pixels.shape[1]} x {colour.pixels.shape[0]};"
-            " take the depth that is aligned to the colour (align_depth.enable)",
-        )
-    metres = depth_in_metres(depth.pixels, depth.encoding, unit=unit)
-    return Frame(depth.stamp, depth.frame_id, camera, metres, None if colour is None else colour.pixels)
 
 
 def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dict[int, Image]:

@@ -12,6 +12,7 @@ from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
+from poise.scanning.moves import find_move
 from poise.scanning.placing import Sweep
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
@@ -144,7 +145,8 @@ def scan(
             f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
             " clocks of camera and joint_states"
         )
-    surface = fuse(views, footprint, options.voxel)
+    views, footprint, surface, pushed = _fused(views, footprint, options)
+    notes += pushed
     if surface.agreed < _AGREED:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     reach(0.8)
@@ -156,6 +158,41 @@ def scan(
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
     return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes))
+
+
+def _fused(
+    views: Sequence[View], footprint: Footprint, options: ScanOptions
+) -> tuple[Sequence[View], Footprint, Surface, list[str]]:
+    """The seen surface; of an object that was pushed once, with the views before moved along with it; and notes.
+
+    Raises:
+        InputError: as `fuse`; SCAN_INCOMPLETE when the views before and after a push do not fit together.
+    """
+    if (move := find_move(views, footprint)) is None:
+        return views, footprint, fuse(views, footprint, options.voxel), []
+    as_it_is = _agreed_surface(views, footprint, options)
+    moved = move.undone(views)
+    there = _look(moved, replace(options, near=move.place(footprint)))[1]
+    together = _agreed_surface(moved, there, options)
+    if as_it_is is not None and (together is None or together.agreed <= as_it_is.agreed) and as_it_is.agreed > _AGREED:
+        return views, footprint, as_it_is, []
+    if together is None or together.agreed < _AGREED:
+        apart = f"{move}; the views before and after do not fit together"
+        if as_it_is is None or move.distance > _MOVED:
+            raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: {apart}: fix the object to the table and scan again")
+        return views, footprint, as_it_is, [apart]
+    note = f"{move}; the views before were taken along with the object, which stands where it was seen last"
+    return moved, there, together, [note]
+
+
+def _agreed_surface(views: Sequence[View], footprint: Footprint, options: ScanOptions) -> Surface | None:
+    """What views show of an object; None when they disagree."""
+    try:
+        return fuse(views, footprint, options.voxel)
+    except InputError as error:
+        if not error.data.get("disagree"):
+            raise
+        return None
 
 
 def scan_sweep(

@@ -11,9 +11,10 @@ from poise.errors import ErrorCode, InputError
 from poise.recording import Image, JointStream
 from poise.robot import Mounting
 from poise.scanning.camera import Camera
-from poise.scanning.frames import Frame
+from poise.scanning.frames import Frame, dropped_blind
+from poise.scanning.imaging import frames_of_images
 from poise.scanning.placing import Sweep, place
-from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, SweepOptions, frame_of
+from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, SweepOptions
 
 _COLOURS_KEPT = 20
 _MOST_STATES = 50_000
@@ -90,14 +91,14 @@ class ScanSession:
 
     Args:
         options: when it is enough.
-        unit: m, of integer depth.
         begin: s on the caller's monotonic clock.
     """
 
-    def __init__(self, options: SessionOptions, unit: float, begin: float) -> None:
-        self.options, self._unit = options, unit
+    def __init__(self, options: SessionOptions, begin: float) -> None:
+        self.options = options
         self._begin = self._last = begin
         self._camera: Camera | None = None
+        self._lens: Camera | None = None
         self._depths: list[Image] = []
         self._clouds: list[Frame] = []
         self._colours: deque[Image] = deque(maxlen=_COLOURS_KEPT)
@@ -139,6 +140,10 @@ class ScanSession:
     def set_camera(self, camera: Camera) -> None:
         """Take in the camera info."""
         self._camera = camera
+
+    def set_colour_camera(self, camera: Camera) -> None:
+        """Take in the camera info of the colour images, for those that are not aligned to the depth."""
+        self._lens = camera
 
     def add_depth(self, image: Image, now: float) -> None:
         """Take in a depth image, unless it comes too soon after the last."""
@@ -195,14 +200,25 @@ class ScanSession:
             raise InputError(
                 ErrorCode.ROBOT_DESCRIPTION_MISSING, "scan: no robot_description came: start robot_state_publisher"
             )
-        frames = self._clouds
-        if self._depths and self._camera is not None:
-            frames = [
-                frame_of(depth, self._paired.get(depth.stamp), self._camera, self._unit) for depth in self._depths
-            ]
         fixed = list(robot.fixed.values())
-        found = place(frames, robot.description, fixed, robot.joints, options.hand_eye, options.delay)
-        notes = list(found.notes)
+
+        def placed(frames: Sequence[Frame]) -> Sweep:
+            return place(frames, robot.description, fixed, robot.joints, options.hand_eye, options.delay)
+
+        if self._depths and self._camera is not None:
+            frames, notes = frames_of_images(
+                self._depths,
+                self._camera,
+                self._paired,
+                self._lens,
+                fixed,
+                options.unit,
+                lambda some: placed(some).views,
+            )
+        else:
+            frames, notes = dropped_blind(self._clouds)
+        found = placed(frames)
+        notes += found.notes
         if (gap := self.longest_gap) > max(_LONG_GAP, 3 * self.options.period):
             notes.append(f"the camera sent no frame for {gap:.1f} s: what was seen only then is missing")
         if self.problem:

@@ -13,7 +13,12 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode
+from poise.fake_robots.compressing import compressed_bytes, depth_png, depth_rvl, picture_bytes
+from poise.fake_robots.sweep_bag import info_bytes
 from poise.nodes.payload_shape import parts_of_message
+from poise.recording import COMPRESSED, RecordingWriter, image_of, open_recording, stamp_of
+from poise.recording.images import decoded
+from poise.scanning import Camera, camera_of
 from poise.scanning.cloud_frames import columns_of
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
@@ -93,6 +98,53 @@ def test_a_replayed_sweep_becomes_an_object_with_parts(start_node, graph, caller
     assert placed.transform.translation.x == pytest.approx(0.45, abs=0.01)
     assert max(said.frames for said in caller.feedback) > 0
     assert all(0 <= said.progress <= 1 for said in caller.feedback)
+
+
+def compressed_sweep(path):
+    """The sweep by image_transport: depth as PNG and RVL in turns, colours as JPEG of half the size."""
+    recording, count = open_recording(BAG), 0
+    renamed = {DEPTH: f"{DEPTH}/compressedDepth", COLOUR: f"{COLOUR}/compressed"}
+    colour_info = "camera/color/camera_info"
+    with RecordingWriter(path) as writer:
+        for name, kind in recording.topics.items():
+            writer.add_topic(renamed.get(name, name), COMPRESSED if name in renamed else kind)
+        writer.add_topic(colour_info, recording.topics[INFO])
+        for message in recording.messages(list(recording.topics)):
+            name, data = message.topic, message.data
+            if name in renamed:
+                image = image_of(decoded(recording, recording.topics[name], name, data), name)
+                if name == DEPTH:
+                    way, pack = [("png", depth_png), ("rvl", depth_rvl)][count % 2]
+                    count += 1
+                    packed, layout = pack(image.pixels), f"16UC1; compressedDepth {way}"
+                else:
+                    pixels = image.pixels[::2, ::2]
+                    packed, layout = picture_bytes(np.ascontiguousarray(pixels), "JPEG"), "rgb8; jpeg compressed bgr8"
+                data = compressed_bytes(image.stamp, image.frame_id, layout, packed)
+            elif name == INFO:
+                said = decoded(recording, recording.topics[name], name, data)
+                whole = camera_of(said)
+                half = Camera(
+                    whole.width // 2, whole.height // 2, *np.array([whole.fx, whole.fy, whole.cx, whole.cy]) / 2
+                )
+                frame = str(said.header.frame_id)
+                writer.write(colour_info, message.log_time, info_bytes(stamp_of(said), frame, half))
+            writer.write(renamed.get(name, name), message.log_time, data)
+    return path
+
+
+def test_compressed_and_unaligned_images_give_the_same_object(start_node, caller, tmp_path) -> None:
+    bag = compressed_sweep(tmp_path / "compressed.mcap")
+    transports = {"image_transport": "compressed", "depth_image_transport": "compressedDepth"}
+    start_node("object_scanner", {"patience": 20.0, **transports})
+    listened = [f"{DEPTH}/compressedDepth", "joint_states"]
+    start_node("fake_robot", REPLAY | {"bag": str(bag), "wait_for_subscribers": listened})
+    done = caller.result(caller.send(id="hammer", max_frames=30))
+    assert done.result.error.message == ""
+    found = done.result.object
+    assert found.volume == pytest.approx(2.08e-4, rel=0.3)
+    assert any("looked up in the colour image" in note for note in found.notes)
+    assert columns_of(found.cloud, "cloud")["rgb"].view(np.uint32).any()
 
 
 @pytest.mark.parametrize(

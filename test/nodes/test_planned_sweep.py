@@ -102,7 +102,7 @@ def test_what_a_plan_assumes_and_does_not_see_is_said_with_the_scan() -> None:
 
 
 def test_a_camera_that_pauses_does_not_end_a_sweep() -> None:
-    session = ScanSession(SessionOptions(frames=10, patience=5.0), 1e-3, 0.0)
+    session = ScanSession(SessionOptions(frames=10, patience=5.0), 0.0)
     scanner = SimpleNamespace(_sweep=SimpleNamespace(over=False), _over=0.0)
 
     def enough(now: float) -> bool:

@@ -277,10 +277,10 @@ def test_late_images_are_told_with_their_delay(tmp_path):
     is_brick(scanned(bag, SweepOptions(delay=0.15))[1])
 
 
-@pytest.mark.parametrize(("shift", "refused"), [((0.05, 0.04), True), ((0.02, 0.01), False)])
+@pytest.mark.parametrize(("shift", "refused"), [((0.1, 0.0), True), ((0.02, 0.01), False)])
 def test_an_object_that_was_moved_is_told(tmp_path, shift, refused):
     elsewhere = Scene((box(BRICK, (*shift, 0.025), (0.8, 0.2, 0.1)),))
     bag = record(tmp_path / "moved.mcap", [*brick_views()[:12], *views_of(elsewhere)[12:]])
     said = refusal(bag).message if refused else "; ".join(scanned(bag)[1].notes)
-    assert "all views agree about the table: the object moved" in said
+    assert "the object moved" in said
     assert "--delay" not in said

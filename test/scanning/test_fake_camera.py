@@ -7,7 +7,8 @@ from scipy.spatial import ConvexHull
 
 from poise.fake_robots.depth_noise import D435, measured
 from poise.fake_robots.rasteriser import TABLE, Body, Rendering, Scene, look_at, render
-from poise.fake_robots.sweep_bag import laid_down
+from poise.fake_robots.sweep_bag import FakeSweep, arm_sweep, laid_down
+from poise.robot import RobotModel
 
 EYE = np.array([0.2, -0.15, 0.3])
 
@@ -94,3 +95,14 @@ def test_a_body_is_laid_on_the_face_on_which_it_is_lowest():
     np.testing.assert_allclose((low + high)[:2] / 2, [0.4, 0.1], atol=1e-9)
     before, after = (np.linalg.det(np.diff(points[[0, 1, 2, 30]], axis=0)) for points in (given, placed))
     assert before == pytest.approx(after)  # turned, not mirrored
+
+
+def test_the_arm_brings_its_camera_around_the_object():
+    """The poses from which the benchmarks render a sweep: the object is in the middle of each image."""
+    sweep = FakeSweep(Scene((), middle=(0.45, 0.0)), point=(0.45, 0.0, 0.02), frames=3)
+    model = RobotModel.from_file("xarm7", "link_eef")
+    rotation, translation, states = arm_sweep(sweep, model, 0.0, np.random.default_rng(0))
+    towards = np.array(sweep.point) - translation
+    cosine = np.einsum("vi,vi->v", rotation[:, :, 2], towards) / np.linalg.norm(towards, axis=1)
+    assert (cosine > np.cos(0.16)).all()
+    assert len(states) > 3

@@ -35,7 +35,7 @@ def heard(bag, without=()):
 
 
 def taken(bag, count, camera=True, colours_first=False):
-    session = ScanSession(SessionOptions(count, 0.2, 60.0, 5.0), 1e-3, 0.0)
+    session = ScanSession(SessionOptions(count, 0.2, 60.0, 5.0), 0.0)
     if camera:
         session.set_camera(camera_of(next(messages_of(bag, INFO))))
     depths = [image_of(message, DEPTH) for message in messages_of(bag, DEPTH)][: 2 * count]
@@ -63,23 +63,23 @@ def test_a_session_gives_the_views_that_the_bag_gives(bag, colours_first):
 
 
 def test_frames_that_come_too_soon_are_left_out(bag):
-    session = ScanSession(SessionOptions(100, 0.5, 60.0, 5.0), 1e-3, 0.0)
+    session = ScanSession(SessionOptions(100, 0.5, 60.0, 5.0), 0.0)
     for message in list(messages_of(bag, DEPTH))[:9]:  # 0.24 s apart
         session.add_depth(image_of(message, DEPTH), 1.0)
     assert session.count == 3
 
 
 def test_it_is_enough_when_all_is_there_or_nothing_more_comes():
-    session = ScanSession(SessionOptions(10, 0.2, 60.0, 5.0), 1e-3, 100.0)
+    session = ScanSession(SessionOptions(10, 0.2, 60.0, 5.0), 100.0)
     assert not session.enough(104.9)
     assert session.enough(105.1)
-    patient = ScanSession(SessionOptions(10, 0.2, 3.0, 500.0), 1e-3, 100.0)
+    patient = ScanSession(SessionOptions(10, 0.2, 3.0, 500.0), 100.0)
     assert patient.enough(103.1)
 
 
 def test_a_camera_that_paused_is_reported(bag):
     assert not any("no frame" in note for note in taken(bag, 6).sweep(heard(bag), SweepOptions()).notes)
-    session = ScanSession(SessionOptions(10, 0.2, 60.0, 5.0), 1e-3, 100.0)
+    session = ScanSession(SessionOptions(10, 0.2, 60.0, 5.0), 100.0)
     session.set_camera(camera_of(next(messages_of(bag, INFO))))
     depths = [image_of(message, DEPTH) for message in messages_of(bag, DEPTH)]
     for depth in [*depths[:3], *depths[20:23]]:
