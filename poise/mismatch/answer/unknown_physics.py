@@ -14,7 +14,7 @@ from poise.mismatch.inference import (
     state_description,
 )
 
-_LEAST_NAMED = 0.35
+_LEAST_NAMED = 0.4
 """Probability below which an effect is not named: it is one of several that explain the recording."""
 
 
