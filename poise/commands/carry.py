@@ -10,12 +10,15 @@ from poise.commands.assembly_pictures import ScenePictureOption, refuse_folders
 from poise.commands.output import JsonOption, console, number_for_json, write_json
 from poise.commands.place import (
     AttemptsOption,
+    AxesOption,
     CandidatesOption,
     KeepFreeOption,
     OnOption,
     OutputOption,
     PlacementSeedOption,
     RobustOption,
+    UpAxes,
+    UprightOption,
     content_of,
     failure_of,
     looks_of,
@@ -63,6 +66,8 @@ def carry(
     robust: RobustOption = False,
     speed: _SpeedOption = 0.5,
     seconds: WaysOption = 10.0,
+    upright: UprightOption = False,
+    axes: AxesOption = None,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
     picture: ScenePictureOption = None,
@@ -76,10 +81,12 @@ def carry(
     0, 0, 1]}' --robot fr3 --json plan.json
     """
     refuse_folders(json_target, picture, None)
-    item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
+    up_axes: UpAxes = {}
+    item, analysis = read_spec(spec, needs="pose", up_axes=up_axes), open_scene(scene)
     require_room(analysis, item)
     reach = Reach(Arm.load(robot, standing_at(base), tcp_frame=tcp), analysis, item, seed=seed)
-    uncertainty, looks = Uncertainty() if robust else None, (*looks_of(keep_free), *reach.looks)
+    looks = (*looks_of(analysis, keep_free, upright, axes, up_axes), *reach.looks)
+    uncertainty = Uncertainty() if robust else None
     options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests, looks=looks)
     people = console(json_target)
     known: dict[str, Any] = {}
@@ -98,8 +105,12 @@ def carry(
     if picture is not None:
         people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
     print_answer(people, found)
+    people.print(_motion(transfer))
+
+
+def _motion(transfer: Transfer) -> str:
     moving = sum(phase.seconds for phase in transfer.phases)
-    people.print(f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
+    return f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion"
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
