@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
 from poise.assembly import RigidObject
 from poise.commands.assembly_pictures import ScenePictureOption, refuse_folders
@@ -73,9 +74,7 @@ def carry(
     picture: ScenePictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Plan the arm motion that picks up an object and places it in a stable pose.
-
-    The answer is a grasp, and joint trajectories that pick the object up, carry it, put it down and let go.
+    """Plan the arm motion that picks up an object and places it in a stable pose: a grasp and joint trajectories.
 
     Example:  poise carry scene.yaml --object '{id: box, box: [0.05, 0.05, 0.1], mass: 0.2, pose: [0.4, -0.4, 0.05, 0,
     0, 0, 1]}' --robot fr3 --json plan.json
@@ -102,21 +101,18 @@ def carry(
     write_json(json_target, known | _content(reach, transfer))
     if output is not None:
         save_scene(found.analysis.assembly, output)
-    if picture is not None:
-        people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
     print_answer(people, found)
-    people.print(_motion(transfer))
+    _print_motion(people, reach, transfer, found.item, picture)
 
 
-def _motion(transfer: Transfer) -> str:
+def _print_motion(people: Console, reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path | None) -> None:
+    """Print what the motion is like, and draw it."""
     moving = sum(phase.seconds for phase in transfer.phases)
-    return f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion"
+    people.print(f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
+    if picture is not None:
+        from poise.viewing import transfer_panel, write_picture
 
-
-def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
-    from poise.viewing import transfer_panel, write_picture
-
-    return write_picture([transfer_panel(reach, transfer, placed)], picture)
+        people.print(f"written: {write_picture([transfer_panel(reach, transfer, placed)], picture)}")
 
 
 def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:
