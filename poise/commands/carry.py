@@ -74,7 +74,7 @@ def carry(
     picture: ScenePictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Plan the arm motion that picks up an object and places it in a stable pose: a grasp and joint trajectories.
+    """Plan the arm motion that picks up an object and places it in a stable pose.
 
     Example:  poise carry scene.yaml --object '{id: box, box: [0.05, 0.05, 0.1], mass: 0.2, pose: [0.4, -0.4, 0.05, 0,
     0, 0, 1]}' --robot fr3 --json plan.json
