@@ -7,5 +7,17 @@
 from poise.placement.packing.container import Container, encloses, find_container
 from poise.placement.packing.cover import heights_over
 from poise.placement.packing.pack import ORDERS, REFUSALS, Packing, pack
+from poise.placement.packing.turns import Turned, turns_of
 
-__all__ = ["ORDERS", "REFUSALS", "Container", "Packing", "encloses", "find_container", "heights_over", "pack"]
+__all__ = [
+    "ORDERS",
+    "REFUSALS",
+    "Container",
+    "Packing",
+    "Turned",
+    "encloses",
+    "find_container",
+    "heights_over",
+    "pack",
+    "turns_of",
+]

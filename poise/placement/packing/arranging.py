@@ -10,7 +10,7 @@ from poise.geometry import Pose
 from poise.placement.packing.container import Container
 from poise.placement.packing.cover import Cover
 from poise.placement.packing.turns import Turned, rise_over
-from poise.types import Array, Mask
+from poise.types import Array
 
 _EQUAL = 1e-7
 """m: rounding of positions and heights."""
@@ -227,9 +227,8 @@ class Packer:
 def _meeting(cover: Cover, low: Array, high: Array) -> tuple[Array, Array, np.ndarray]:
     """Corners (4 N, 2) of the rectangles where a body lies on others, their areas (N,), and on which (N,)."""
     lowest = cover.low[:, 2].min()
-    level: Mask = np.abs(high[:, 2] - cover.low[:, 2][:, None]) < 1e-6
-    level &= (cover.low[:, 2] < lowest + 1e-6)[:, None]
-    k, m = np.nonzero(level)
+    below, carrying = cover.low[:, 2] < lowest + 1e-6, np.abs(high[:, 2] - lowest) < 1e-6
+    k, m = (part.ravel() for part in np.meshgrid(np.flatnonzero(below), np.flatnonzero(carrying)))
     first = np.maximum(cover.low[k, :2], low[m, :2])
     last = np.minimum(cover.high[k, :2], high[m, :2])
     met = np.all(last - first > _EQUAL, axis=1)

@@ -190,6 +190,8 @@ class _Job:
         """Orders and rules, that with the lowest load first; by geometry alone."""
         found: list[_Ranked] = []
         packer = self._packer(self._looks_right)
+        flattest = [min(float(turned.size[2]) for turned in turns) for turns in self._turns.values()]
+        lowest = self._container.floor + max(flattest)  # no load with all objects is lower
         try:
             for order, rule in drawn_orders(self._items, count, rng):
                 self._report(None)
@@ -198,6 +200,8 @@ class _Job:
                 if arrangement is not None:
                     found.append((arrangement.cost, order, rule))
                     found.sort(key=lambda one: one[0])
+                    if not arrangement.left and arrangement.top <= lowest + 1e-6:
+                        break
         except _LateError:
             if not found:
                 raise

@@ -57,10 +57,13 @@ def turns_of(
         angle = _alignment(corners)
         for quarter in range(4):
             rotation = rotation_about(_UP, quarter * np.pi / 2 - angle) @ down
-            turned = _turned(item, rotation, com)
-            key = _same_place(polyhedron.vertices @ turned.pose.rotation.T + turned.pose.translation, turned.com)
+            corners = polyhedron.vertices @ rotation.T
+            low = corners.min(axis=0)
+            key = _same_place(corners - low, rotation @ com - low)
             if key not in found and allowed(rotation):
-                found[key] = turned
+                cover = cover_of(polyhedron, corners - low)
+                size = np.ptp(corners, axis=0)
+                found[key] = Turned(Pose(rotation, -low), cover, size, rotation @ com - low)
     return sorted(found.values(), key=lambda turned: float(turned.size[2]))
 
 
@@ -79,13 +82,6 @@ def _alignment(corners: Array) -> float:
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 9))
     turned = [hull @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
     return float(angles[int(np.argmin([np.round(np.prod(np.ptp(t, axis=0)), 12) for t in turned]))])
-
-
-def _turned(item: RigidObject, rotation: Array, com: Array) -> Turned:
-    corners = item.shape.polyhedron.vertices @ rotation.T
-    low = corners.min(axis=0)
-    cover = cover_of(item.shape.polyhedron, corners - low)
-    return Turned(Pose(rotation, -low), cover, np.ptp(corners, axis=0), rotation @ com - low)
 
 
 def _same_place(corners: Array, com: Array) -> bytes:
