@@ -135,11 +135,10 @@ class Packer:
 
     def _place(self, item: RigidObject, low: Array, high: Array, rule: Rule) -> tuple[Spot | None, str]:
         """The best place by a rule, or the reason why there is none."""
-        candidates = [(turned, *self._candidates(turned, low, high)) for turned in self._turns[item.id]]
-        fitting = [(turned, corners) for turned, corners, _ in candidates if len(corners)]
+        candidates = [(turned, self._candidates(turned, low, high)) for turned in self._turns[item.id]]
+        fitting = [(turned, corners) for turned, corners in candidates if len(corners)]
         if not fitting:
-            under = any(lid for _, _, lid in candidates)
-            return None, "under_lid" if under else "no_room"
+            return None, "no_room"
         scores = [self._scores(turned, corners, low, high, rule) for turned, corners in fitting]
         number = np.repeat(np.arange(len(fitting)), [len(found) for found in scores])
         corners = np.concatenate([corners for _, corners in fitting])
@@ -152,17 +151,17 @@ class Packer:
                 why = "not_stable"
         return None, why
 
-    def _candidates(self, turned: Turned, low: Array, high: Array) -> tuple[Array, bool]:
-        """(C, 3) lowest corners of an object let down beside what is there, and whether only a lid was in the way."""
+    def _candidates(self, turned: Turned, low: Array, high: Array) -> Array:
+        """(C, 3) lowest corners of an object that is let down beside what is there, under the lid."""
         sides = [self._positions(k, turned, low, high) for k in (0, 1)]
         if not all(map(len, sides)):
-            return np.zeros((0, 3)), False
+            return np.zeros((0, 3))
         rests = self._rests(turned.cover, sides[0], sides[1], low, high)
         place = np.stack([*np.meshgrid(*sides, indexing="ij"), rests], axis=-1).reshape(-1, 3)
         place = place[np.isfinite(place[:, 2])]
         lid = self._container.lid
         fits = place[:, 2] + turned.size[2] <= (np.inf if lid is None else lid + _EQUAL)
-        return place[fits], bool(len(place) and not fits.any())
+        return np.asarray(place[fits])
 
     def _positions(self, k: int, turned: Turned, low: Array, high: Array) -> Array:
         """(N,) m along one side: beside each thing with the gap, and flush with it."""

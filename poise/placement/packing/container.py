@@ -215,7 +215,6 @@ def _inside(
     rows = np.argwhere(room)
     low, high = origin + cell * (rows.min(axis=0) - 1), origin + cell * (rows.max(axis=0) + 2)
     covers = [_cover(item, axes, low, high) for item in fixed]
-    names = tuple(item.id for item, cover in zip(fixed, covers, strict=True) if len(cover.low))
     cover = Cover.joined(covers)
     walls = cover.high[:, 2] >= rim - 1e-5
     cover.high[walls, 2] = np.inf
@@ -228,6 +227,7 @@ def _inside(
     inside = Cover(cover.low[inner], cover.high[inner])
     sides = np.stack([low, high])
     floor = _lowest(inside, sides)
+    names = tuple(f.id for f, c in zip(fixed, covers, strict=True) if np.any(c.high[:, 2] >= floor - _SHALLOW))
     walled = Cover.joined([inside, _around(sides)])
     return Container(axes, low, high, floor, rim, None if height is None else floor + height, walled, names)
 
