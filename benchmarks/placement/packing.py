@@ -131,7 +131,7 @@ def _cells(rows: Sequence[PackedTote], reference: dict[int, PackedTote]) -> list
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one tote of each world, six objects, development seeds")
+    parser.add_argument("--quick", action="store_true", help="one tote of each world, four objects, development seeds")
     parser.add_argument("--develop", action="store_true", help="development seeds")
     parser.add_argument("--totes", type=int, default=25, help="of each world")
     parser.add_argument("--whole", action="store_true", help=f"as many for {RIVALS[1]} (else {MINIMISED})")
@@ -141,7 +141,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks/packing.json"))
     arguments = parser.parse_args()
     first = DEVELOPMENT if arguments.develop or arguments.quick else FINAL
-    totes, count = (1, 6) if arguments.quick else (arguments.totes, 12)
+    totes, count = (1, 4) if arguments.quick else (arguments.totes, 12)
     worlds, packers = arguments.world or WORLDS, arguments.packer or PACKERS
     jobs = [
         (world, first + k, packer, count)

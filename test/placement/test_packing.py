@@ -1,4 +1,4 @@
-"""Packing: closed forms, limits of the container, an order that can be followed, refusals with causes, bounds of time."""
+"""Packing: closed forms, limits of the container, an order that can be followed, causes of refusals, bounded time."""
 
 import json
 import sys
@@ -48,10 +48,9 @@ def test_eight_cubes_fill_a_tote_of_two_by_two_by_two():
 
 def test_a_cut_block_goes_together_again():
     """A guillotine case: a plank of the whole floor, and three parts of the layer on it."""
-    parts = boxes((0.2, 0.15, 0.1), (0.1, 0.15, 0.1), (0.15, 0.1, 0.1), (0.3, 0.05, 0.2))
+    parts = boxes((0.15, 0.2, 0.1), (0.15, 0.1, 0.1), (0.1, 0.15, 0.1), (0.3, 0.2, 0.05))
     found = in_tote((0.3, 0.2, 0.15), parts, PackingOptions(gap=0.0, height=0.15))
     assert found.filled == pytest.approx(1.0)
-    assert found.order[0] == "box_3" or found.top == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize("gap", [0.002, 0.01])
@@ -131,31 +130,32 @@ def test_only_allowed_axes_point_up(axes):
     found = pack(totes.tote(), totes.objects("boxes", 1, 4), Options(looks=[("turned", Upright(axes))]), orders=3)
     for one in found.placements:
         up = one.pose.rotation.T @ [0, 0, 1]
-        named = "-" * (up.sum() < 0) + "xyz"[int(np.abs(up).argmax())]
+        named = ("-" if up.sum() < 0 else "") + "xyz"[int(np.abs(up).argmax())]
         assert named in axes
 
 
 def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides():
-    cells = [(0, 0, 0, 8, 8, 1)] + [(0, 0, 1, 1, 8, 4), (7, 0, 1, 8, 8, 4), (1, 0, 1, 7, 1, 4), (1, 7, 1, 7, 8, 4)]
+    cells = [(0, 0, 0, 8, 8, 1), (0, 0, 1, 1, 8, 4), (7, 0, 1, 8, 8, 4), (1, 0, 1, 7, 1, 4), (1, 7, 1, 7, 8, 4)]
     yaw = rotation_about(np.array([0.0, 0.0, 1.0]), 0.4)
     tote = RigidObject("tote", of_cells(tuple(cells)), Pose(yaw, np.array([0.3, 0.1, 0.0])), fixed=True)
     floor = totes.tote().objects[0]
-    found = pack(Assembly((floor, tote), friction=0.5), cubes(4, 0.073), Options())
+    found = pack(Assembly((floor, tote), friction=0.5), cubes(4, 0.07), Options())
     assert found.container.names == ("tote",)
     assert found.container.high - found.container.low == pytest.approx([0.15, 0.15], abs=1e-6)
-    assert found.top == pytest.approx(0.073)
-    turned = found.placements[0].pose.rotation[:2, :2] @ yaw[:2, :2].T
-    assert sorted(np.abs(turned).ravel()) == pytest.approx([0, 0, 1, 1], abs=1e-6)
+    assert found.top == pytest.approx(0.07)
+    turned = yaw.T @ found.placements[0].pose.rotation
+    assert sorted(np.abs(turned).ravel()) == pytest.approx([0] * 6 + [1] * 3, abs=1e-6)
 
 
 def pallet() -> Assembly:
-    bodies = totes.tote().objects[:1], box("pallet", (0.4, 0.3, 0.1), (0.5, 0.5, 0.05))
+    bodies = totes.tote().objects[:1], box("pallet", (0.406, 0.304, 0.1), (0.5, 0.5, 0.05))
     return Assembly((*bodies[0], RigidObject("pallet", bodies[1].shape, bodies[1].pose, fixed=True)), friction=0.5)
 
 
 def test_a_pallet_is_packed_on_its_top():
-    found = pack(pallet(), cubes(12), Options(packing=PackingOptions(into="pallet", gap=0.0)))
-    assert (found.top, found.utilisation) == pytest.approx((0.1, 1.0))
+    found = pack(pallet(), cubes(12), Options(packing=PackingOptions(into="pallet")))
+    assert found.top == pytest.approx(0.1)
+    assert found.utilisation == pytest.approx(12e-3 / (0.406 * 0.304 * 0.1))
     assert found.filled is None
 
 
@@ -189,7 +189,9 @@ def test_a_container_that_is_none_is_refused(options, code, says):
 
 def test_two_totes_are_not_chosen_from():
     moved = [
-        RigidObject(f"{item.id}_2", item.shape, Pose(np.eye(3), item.pose.translation + [0.6, 0, 0]), fixed=True)
+        RigidObject(
+            f"{item.id}_2", item.shape, Pose(np.eye(3), item.pose.translation + np.array([0.6, 0, 0])), fixed=True
+        )
         for item in totes.tote().objects[1:]
     ]
     scene = Assembly((*totes.tote().objects, *moved), friction=0.5)
@@ -208,7 +210,7 @@ def test_a_lid_has_a_height(value):
 def test_every_request_ends_by_its_deadline(monkeypatch, deadline):
     """The clock of this test goes on by a second whenever it is read."""
     clock = count()
-    monkeypatch.setattr("poise.placement.packing.pack.time", SimpleNamespace(monotonic=lambda: float(next(clock))))
+    monkeypatch.setattr("poise.placement.packing.job.time", SimpleNamespace(monotonic=lambda: float(next(clock))))
     with pytest.raises(NoAnswerError) as error:
         pack(totes.tote(), cubes(80, 0.03), Options(deadline=deadline))
     assert error.value.code is ErrorCode.DEADLINE

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.placement import scenes
 from poise.assembly import Analysis, Assembly, Push, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.assembly.statics import NO_DEADLINE, Deadline

@@ -6,7 +6,7 @@
 
 from poise.placement.packing.container import Container, encloses, find_container
 from poise.placement.packing.cover import heights_over
-from poise.placement.packing.pack import ORDERS, REFUSALS, Packing, pack
+from poise.placement.packing.job import ORDERS, REFUSALS, Packing, pack
 from poise.placement.packing.turns import Turned, turns_of
 
 __all__ = [
