@@ -47,7 +47,9 @@ def scene_panel(name: str) -> Panel:
 def packing_panel(world: str) -> Panel:
     """A tote with twelve objects, without three of its walls."""
     found = pack(totes.tote(), totes.objects(world, totes.DEVELOPMENT))
-    shown = tuple(item for item in found.analysis.assembly.objects if item.id not in ("floor", "front", "left", "right"))
+    shown = tuple(
+        item for item in found.analysis.assembly.objects if item.id not in ("floor", "front", "left", "right")
+    )
     assembly = replace(found.analysis.assembly, objects=shown)
     colours = {assembly.index[one.item.id]: SHADES[k % len(SHADES)] for k, one in enumerate(found.placements)}
 
