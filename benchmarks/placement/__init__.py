@@ -1,6 +1,7 @@
 """Where objects stay, planner against planner: `python -m benchmarks.placement.run --quick`.
 
 - `scenes`: the nine scenes and the ten objects, and the command that writes them to docs/scenes/placement.
+- `packing`: twelve objects into a tote, against packers on heightmaps (`totes`, `heightmaps`).
 - `run`: Table 5.1 of the thesis with every pose checked in MuJoCo. `growth`: time against vertices and objects.
 """
 

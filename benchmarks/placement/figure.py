@@ -1,6 +1,6 @@
 """The pictures of docs/placement.md: `python -m benchmarks.placement.figure`, from new placements and the results.
 
-- placement.png: the nine scenes, each with the cube where it was put.
+- placement.png: the nine scenes, each with the cube where it was put. packing.png: two packed totes.
 - placement_growth.png: time against vertices and objects, from out/benchmarks/placement_growth.json.
 """
 
@@ -8,6 +8,7 @@ import argparse
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -15,17 +16,20 @@ import numpy as np
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import NullFormatter
 
+from benchmarks.placement import totes
 from benchmarks.placement.growth import Row, grouped
 from benchmarks.placement.run import FINAL
 from benchmarks.placement.scenes import SCENES, cube, scene
 from poise.files import write_whole
 from poise.placement import Options, plan_placement
+from poise.placement.packing import pack
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, STYLE, Panel, sheet
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 SIZE = (230, 210)
 PLACED = "#d55e01"
+SHADES = (PLACED, "#2062d4", "#00916b", "#e0a000", "#8a5cc9", "#5aa9d6")
 
 
 def scene_panel(name: str) -> Panel:
@@ -38,6 +42,23 @@ def scene_panel(name: str) -> Panel:
         figure.text(0.04, 0.92, f"{name}, {found.score.least:.2f} N", fontsize=10.5, color=PALETTE["ink"])
 
     return Panel(name, f"{name}: the cube where it was put.", draw, SIZE)
+
+
+def packing_panel(world: str) -> Panel:
+    """A tote with twelve objects, without three of its walls."""
+    found = pack(totes.tote(), totes.objects(world, totes.DEVELOPMENT))
+    shown = tuple(
+        item for item in found.analysis.assembly.objects if item.id not in ("floor", "front", "left", "right")
+    )
+    assembly = replace(found.analysis.assembly, objects=shown)
+    colours = {assembly.index[one.item.id]: SHADES[k % len(SHADES)] for k, one in enumerate(found.placements)}
+
+    def draw(figure: FigureBase) -> None:
+        stage(figure, assembly, (0, 0, 1, 0.9), colours=colours)
+        text = f"{world}: top {found.top:.3f} m, utilisation {found.utilisation:.0%}"
+        figure.text(0.04, 0.92, text, fontsize=10.5, color=PALETTE["ink"])
+
+    return Panel(world, f"{world}: twelve objects packed into a tote.", draw, (380, 300))
 
 
 def growth(rows: dict[str, list[Row]]) -> Figure:
@@ -68,6 +89,7 @@ def main() -> None:
     arguments = parser.parse_args()
     panels = [scene_panel(name) for name in SCENES]
     save(lambda: sheet(panels, 5), "placement.png")
+    save(lambda: sheet([packing_panel(world) for world in totes.WORLDS], 2), "packing.png")
     if arguments.growth.exists():
         rows = json.loads(arguments.growth.read_text())
         save(lambda: growth(rows), "placement_growth.png")

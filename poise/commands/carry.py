@@ -4,18 +4,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
 from poise.assembly import RigidObject
 from poise.commands.assembly_pictures import ScenePictureOption, refuse_folders
 from poise.commands.output import JsonOption, console, number_for_json, write_json
 from poise.commands.place import (
     AttemptsOption,
+    AxesOption,
     CandidatesOption,
     KeepFreeOption,
     OnOption,
     OutputOption,
     PlacementSeedOption,
     RobustOption,
+    UpAxes,
+    UprightOption,
     content_of,
     failure_of,
     looks_of,
@@ -63,6 +67,8 @@ def carry(
     robust: RobustOption = False,
     speed: _SpeedOption = 0.5,
     seconds: WaysOption = 10.0,
+    upright: UprightOption = False,
+    axes: AxesOption = None,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
     picture: ScenePictureOption = None,
@@ -70,16 +76,16 @@ def carry(
 ) -> None:
     """Plan the arm motion that picks up an object and places it in a stable pose.
 
-    The answer is a grasp, and joint trajectories that pick the object up, carry it, put it down and let go.
-
     Example:  poise carry scene.yaml --object '{id: box, box: [0.05, 0.05, 0.1], mass: 0.2, pose: [0.4, -0.4, 0.05, 0,
     0, 0, 1]}' --robot fr3 --json plan.json
     """
     refuse_folders(json_target, picture, None)
-    item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
+    up_axes: UpAxes = {}
+    item, analysis = read_spec(spec, needs="pose", up_axes=up_axes), open_scene(scene)
     require_room(analysis, item)
     reach = Reach(Arm.load(robot, standing_at(base), tcp_frame=tcp), analysis, item, seed=seed)
-    uncertainty, looks = Uncertainty() if robust else None, (*looks_of(keep_free), *reach.looks)
+    looks = (*looks_of(analysis, keep_free, upright, axes, up_axes), *reach.looks)
+    uncertainty = Uncertainty() if robust else None
     options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests, looks=looks)
     people = console(json_target)
     known: dict[str, Any] = {}
@@ -95,17 +101,18 @@ def carry(
     write_json(json_target, known | _content(reach, transfer))
     if output is not None:
         save_scene(found.analysis.assembly, output)
-    if picture is not None:
-        people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
     print_answer(people, found)
+    _print_motion(people, reach, transfer, found.item, picture)
+
+
+def _print_motion(people: Console, reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path | None) -> None:
+    """Print what the motion is like, and draw it."""
     moving = sum(phase.seconds for phase in transfer.phases)
     people.print(f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
+    if picture is not None:
+        from poise.viewing import transfer_panel, write_picture
 
-
-def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
-    from poise.viewing import transfer_panel, write_picture
-
-    return write_picture([transfer_panel(reach, transfer, placed)], picture)
+        people.print(f"written: {write_picture([transfer_panel(reach, transfer, placed)], picture)}")
 
 
 def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:

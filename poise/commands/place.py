@@ -13,28 +13,35 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from poise.assembly import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.assembly.scene import read_object
 from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
 from poise.commands.scenes import SceneArgument, findings_json, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import unit
 from poise.placement import (
     CRITERIA,
     DEFAULT_PLANNER,
     PLACEMENT_PLANNERS,
+    TURNED,
     KeptFree,
     Options,
+    PackingOptions,
     Placement,
+    PlacementPlanner,
     PlacementProgress,
     PlacementSequence,
     PoseTest,
     Uncertainty,
-    plan_sequence,
+    Upright,
 )
+from poise.placement.packing import ORDERS, Packing, encloses
 from poise.worlds import save_scene
 
 _MOST_BYTES = 1_000_000
-
+_PACKING = "packing"
+UpAxes = dict[str, list[str]]
+"""Axes that may point up, by the id of an object."""
 
 SpecsOption = Annotated[
     list[str],
@@ -42,7 +49,7 @@ SpecsOption = Annotated[
         "--object",
         metavar="SPEC",
         help="The object to place, as an entry of a scene file without a pose: a YAML or JSON file, or the text. Again "
-        "for more objects; the order is found.",
+        "for more objects; the order is found. `up: [z, -z]` in an entry: axes of this object that may point up.",
         show_default=False,
     ),
 ]
@@ -59,8 +66,50 @@ RobustOption = Annotated[
     bool, typer.Option("--robust", help="Require stability under errors of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
 ]
 RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as the criterion improves.")]
-PlannerOption = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLACEMENT_PLANNERS.names())}.")]
-OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to try.", min=1)]
+_PlannerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--planner",
+        help=f"One of {', '.join(PLACEMENT_PLANNERS.names())}. Default: {DEFAULT_PLANNER}; packing for several objects "
+        "where fixed bodies have walls around a room.",
+        show_default=False,
+    ),
+]
+_OrdersOption = Annotated[
+    int | None,
+    typer.Option(
+        "--orders", help=f"Orders of several objects to try: 1, and {ORDERS} to pack.", min=1, show_default=False
+    ),
+]
+UprightOption = Annotated[bool, typer.Option("--upright", help="The z axis of the objects stays up, as --axes z.")]
+AxesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--axes",
+        metavar="LIST",
+        help="Axes of the objects that may point up, from x, y, z, -x, -y, -z, such as z,-z. Default: any.",
+        show_default=False,
+    ),
+]
+_IntoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--into",
+        metavar="ID",
+        help="Pack into, or onto, this fixed body. Default: the largest room that fixed bodies enclose.",
+        show_default=False,
+    ),
+]
+_HeightOption = Annotated[
+    float | None,
+    typer.Option("--height", help="Pack under a lid at this height over the floor inside, m.", show_default=False),
+]
+_GapOption = Annotated[
+    float | None,
+    typer.Option(
+        "--gap", help=f"Gap between packed objects, and to walls, m. Default: {PackingOptions.gap}.", show_default=False
+    ),
+]
 KeepFreeOption = Annotated[
     tuple[float, float, float, float, float, float] | None,
     typer.Option(
@@ -87,8 +136,13 @@ def place(
     on: OnOption = "any",
     robust: RobustOption = False,
     refining: RefiningOption = False,
-    planner: PlannerOption = DEFAULT_PLANNER,
-    orders: OrdersOption = 1,
+    planner: _PlannerOption = None,
+    orders: _OrdersOption = None,
+    upright: UprightOption = False,
+    axes: AxesOption = None,
+    into: _IntoOption = None,
+    height: _HeightOption = None,
+    gap: _GapOption = None,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
     json_target: JsonOption = None,
@@ -101,38 +155,71 @@ def place(
     Example:  poise place scene.yaml --object '{id: mug, cylinder: [0.04, 0.1], mass: 0.3}' --json answer.json
     """
     refuse_folder(json_target, "--json")
-    items = [read_spec(spec, number) for number, spec in enumerate(specs)]
+    up_axes: UpAxes = {}
+    items = [read_spec(spec, number, up_axes=up_axes) for number, spec in enumerate(specs)]
     analysis = open_scene(scene)
+    looks = looks_of(analysis, keep_free, upright, axes, up_axes)
+    packing = PackingOptions(into, height, PackingOptions.gap if gap is None else gap)
     uncertainty = Uncertainty() if robust else None
-    looks = looks_of(keep_free)
-    options = Options(
-        attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining, looks=looks
-    )
-    chosen = PLACEMENT_PLANNERS.find(planner)
-    if len(items) > 1 and not chosen.sequences:
-        raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
+    options = Options(attempts, deadline, candidates, criterion, on, "limit", uncertainty, (), refining, looks, packing)
+    chosen = _planner(planner, analysis, items, packs=(into, height, gap) != (None, None, None))
     people = console(json_target)
     try:
         with watching(people, attempts) as report:
-            if len(items) > 1:
-                found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, report)
-            else:
-                found = chosen.plan(analysis, items[0], options, seed, report)
+            found = _plan(chosen, analysis, items, options, seed, orders, report)
     except NoAnswerError as error:
         write_json(json_target, failure_of(error))
         raise
-    content = _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found)
-    write_json(json_target, content | {"findings": findings_json(found.analysis)})
+    write_json(json_target, content_of(found) | {"findings": findings_json(found.analysis)})
     if output is not None:
         save_scene(found.analysis.assembly, output)
     print_answer(people, found)
 
 
-def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest], ...]:
-    """For `Options.looks`: the box of the option stays free."""
-    if keep_free is None:
-        return ()
-    return (("in the room to be kept free", KeptFree(np.array(keep_free[:3]), np.array(keep_free[3:]))),)
+def _plan(
+    chosen: PlacementPlanner,
+    analysis: Analysis,
+    items: list[RigidObject],
+    options: Options,
+    seed: int,
+    orders: int | None,
+    report: Callable[[PlacementProgress], bool],
+) -> Placement | PlacementSequence:
+    if chosen.plan_several is not None and (len(items) > 1 or chosen.name == _PACKING):
+        return chosen.plan_several(analysis, items, options, seed, orders, report)
+    return chosen.plan(analysis, items[0], options, seed, report)
+
+
+def _planner(name: str | None, analysis: Analysis, items: list[RigidObject], packs: bool) -> PlacementPlanner:
+    """The planner that was named, or that suits: several objects are packed where there is a room with walls."""
+    if name is None:
+        name = _PACKING if packs or (len(items) > 1 and encloses(analysis.assembly)) else DEFAULT_PLANNER
+    chosen = PLACEMENT_PLANNERS.find(name)
+    if packs and name != _PACKING:
+        raise InputError(ErrorCode.BAD_INPUT, f"--into, --height and --gap need --planner {_PACKING}, not {name}")
+    if len(items) > 1 and chosen.plan_several is None:
+        raise InputError(ErrorCode.BAD_INPUT, f"--planner {name} places one object; give one --object")
+    return chosen
+
+
+def looks_of(
+    analysis: Analysis, keep_free: tuple[float, ...] | None, upright: bool, axes: str | None, of: UpAxes
+) -> tuple[tuple[str, PoseTest], ...]:
+    """For `Options.looks`: the box of an option stays free, and allowed axes of the objects point up.
+
+    Raises:
+        InputError: BAD_INPUT for an unknown axis, or when --upright and --axes are given.
+    """
+    looks: list[tuple[str, PoseTest]] = []
+    if keep_free is not None:
+        room = KeptFree(np.array(keep_free[:3]), np.array(keep_free[3:]))
+        looks.append(("in the room to be kept free", room))
+    if upright and axes is not None:
+        raise InputError(ErrorCode.BAD_INPUT, "--upright and --axes: give one of them")
+    allowed = ["z"] if upright else [] if axes is None else [axis.strip() for axis in axes.split(",")]
+    if allowed or of:
+        looks.append((TURNED, Upright(allowed, of, -unit(np.asarray(analysis.assembly.gravity)))))
+    return tuple(looks)
 
 
 @contextmanager
@@ -157,7 +244,15 @@ def print_answer(people: Console, found: Placement | PlacementSequence) -> None:
         turn = f"{number + 1}. " if len(placements) > 1 else ""
         where = f"x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}"
         people.print(f"{turn}{placement.item.id}: stable at {where}")
-    people.print(f"least robustness of the resulting assembly: {found.score.least:.3g} N")
+    least = _robustness(found)
+    certified = "no solver certifies it" if least is None else f"{least:.3g} N"
+    people.print(f"least robustness of the resulting assembly: {certified}")
+    if isinstance(found, Packing):
+        filled = "" if found.filled is None else f", {found.filled:.0%} of the container"
+        people.print(
+            f"load in {', '.join(found.container.names)}: top {found.top:.4g} m over the floor, utilisation "
+            f"{found.utilisation:.0%} up to there{filled}; weakest margin {found.margin:.3g} N"
+        )
     counts = sum((Counter(placement.rejected) for placement in placements), Counter[str]())
     rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
     tested = sum(placement.iterations for placement in placements)
@@ -169,20 +264,52 @@ def failure_of(error: NoAnswerError) -> dict[str, Any]:
     return {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
 
 
-def content_of(found: Placement) -> dict[str, Any]:
+def content_of(found: Placement | PlacementSequence) -> dict[str, Any]:
     """The answer for programs."""
-    return _one(found) | {"robustness": number_for_json(found.score.least), "volume": found.score.volume}
+    return _sequence_content(found) if isinstance(found, PlacementSequence) else _one(found) | _score(found)
 
 
 def _sequence_content(found: PlacementSequence) -> dict[str, Any]:
     return {
         "order": list(found.order),
         "placements": [{"id": one.item.id} | _one(one) for one in found.placements],
-        "robustness": number_for_json(found.score.least),
-        "volume": found.score.volume,
+        **_score(found),
         "iterations": sum(one.iterations for one in found.placements),
         "seconds": found.seconds,
+        **(_packing_content(found) if isinstance(found, Packing) else {}),
     }
+
+
+def _packing_content(found: Packing) -> dict[str, Any]:
+    container = found.container
+    top = container.top
+    return {
+        "top": found.top,
+        "utilisation": found.utilisation,
+        "filled": found.filled,
+        "margin": found.margin,
+        "container": {
+            "objects": list(container.names),
+            "size": (container.high - container.low).tolist(),
+            "depth": None if top is None else top - container.floor,
+            "volume": None if top is None else container.volume(top),
+        },
+    }
+
+
+def _score(found: Placement | PlacementSequence) -> dict[str, Any]:
+    """The certified robustness, and the volume; None where a solver fails: the placements were certified before."""
+    try:
+        return {"robustness": number_for_json(found.score.least), "volume": found.score.volume}
+    except NoAnswerError:
+        return {"robustness": None, "volume": None}
+
+
+def _robustness(found: Placement | PlacementSequence) -> float | None:
+    try:
+        return found.score.least
+    except NoAnswerError:
+        return None
 
 
 def _one(found: Placement) -> dict[str, Any]:
@@ -194,8 +321,10 @@ def _one(found: Placement) -> dict[str, Any]:
     }
 
 
-def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObject:
+def read_spec(spec: str, number: int = 0, needs: str | None = None, up_axes: UpAxes | None = None) -> RigidObject:
     """An object entry from a file or from the text itself; nameless ones are numbered; `needs` has to be in it.
+
+    Its `up`, the axes that may point up, goes to `up_axes`.
 
     Raises:
         InputError: FILE_UNREADABLE, FILE_CORRUPT, or what is wrong with the entry.
@@ -218,4 +347,10 @@ def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObje
         content.setdefault("id", f"placed_{number + 1}" if number else "placed")
         if needs is not None and needs not in content:
             raise InputError(ErrorCode.BAD_INPUT, f"--object: {needs} is missing; give it")
+        if up_axes is not None and "up" in content:
+            up = content.pop("up")
+            axes = [up] if isinstance(up, str) else up
+            if not isinstance(axes, list) or not all(isinstance(axis, str) for axis in axes):
+                raise InputError(ErrorCode.BAD_INPUT, f"--object: up is {up!r}; give a list such as [z, -z]")
+            up_axes[str(content["id"])] = axes
     return read_object(content, folder, "--object")

@@ -76,7 +76,7 @@ class HeldReach(Reach):
     def _firm_grasps(self, sides: int) -> list[tuple[Grasp, float]]:
         gravity = float(np.linalg.norm(self.before.assembly.gravity))
         hold = self.arm.hand.acceleration_limit(self.item, self._held_by.object_tcp, gravity)
-        self._no_grasp = f"it weighs {self.item.mass:.3g} kg, and would slip from the fingers"
+        self._no_grasp = "too_heavy", f"it weighs {self.item.mass:.3g} kg, and would slip from the fingers"
         return [(self._held_by, hold)] if hold > _LEAST_HOLD else []
 
     def _pick(self, number: int, margins: Margins) -> End | None:

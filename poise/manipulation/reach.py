@@ -171,12 +171,15 @@ class Reach:
         """PoseTest whether the object can be picked up: when it cannot, there is no need to look for a place.
 
         Raises:
-            NoAnswerError: UNREACHABLE, with data `step`: grasping.
+            NoAnswerError: UNREACHABLE, with data `step`: grasping, and `cause`: too_wide, too_heavy, no_room_for_hand
+                or out_of_reach.
         """
         if not self.can_pick():
-            why = f"none of {len(self._firm)} grasps can be reached" if self._firm else self._no_grasp
+            cause, why = self._no_grasp
+            if self._firm:
+                cause, why = "out_of_reach", f"none of {len(self._firm)} grasps can be reached"
             message = f"{self.item.id} cannot be picked up where it lies: {why}; make room there, or move the arm"
-            raise NoAnswerError(ErrorCode.UNREACHABLE, message, step="grasping")
+            raise NoAnswerError(ErrorCode.UNREACHABLE, message, step="grasping", cause=cause)
 
     def fits_hand(self, placed: RigidObject) -> bool:
         """Whether the hand fits to the object, there, by a grasp that the arm can pick it up with; found once."""
@@ -231,14 +234,15 @@ class Reach:
         grasps += probed_grasps(item.shape, hand, item.pose.rotation.T @ self._up)
         holds = [(grasp, hand.acceleration_limit(item, grasp.object_tcp, gravity)) for grasp in grasps]
         firm = [(grasp, hold) for grasp, hold in holds if hold > _LEAST_HOLD]
-        self._no_grasp = f"there is no room for the hand at any of its {len(firm)} grasps"
+        self._no_grasp = "no_room_for_hand", f"there is no room for the hand at any of its {len(firm)} grasps"
         if not grasps:
             self._no_grasp = (
+                "too_wide",
                 f"too wide: it has no flat opposite faces at most {1e3 * hand.widest:.0f} mm apart, as far as the"
-                " fingers open"
+                " fingers open",
             )
         elif not firm:
-            self._no_grasp = f"too heavy: with {item.mass:.3g} kg it slips from the fingers at every grasp"
+            self._no_grasp = "too_heavy", f"too heavy: with {item.mass:.3g} kg it slips from the fingers at every grasp"
         return [(grasp, hold) for grasp, hold in firm if self._hand_is_clear(grasp, item)]
 
     def _serving(self, placed: RigidObject, contacts: Array, margins: Margins) -> Iterator[tuple[Grasp, float, End]]:

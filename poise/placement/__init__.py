@@ -2,22 +2,26 @@
 
 - `plan_placement`: one object, into a stable assembly. `Options`: requirements on the placement.
 - `plan_sequence`: several objects, and the order in which to place them.
+- `PackingOptions`: how a container is packed; the planner is `poise.placement.packing`.
 - `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
-- `KeptFree`: a region that must stay empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
+- `Upright`: axes that may point up. `KeptFree`: a region that must stay empty.
+- `Uncertainty`: placements that survive errors of pose, mass and friction.
 - `Steady`: placements from which the object does not tip easily.
 - `Validator`, `ContactFeatures`: shared by planners: tests of a pose, and features that an object can rest on.
 """
 
 from poise.placement.features import ContactFeatures
+from poise.placement.orientation import TURNED, Upright
 from poise.placement.planner import (
     SUPPORT_KINDS,
     CancelledError,
     Options,
+    PackingOptions,
     Placement,
     PlacementProgress,
-    no_placement,
     plan_placement,
 )
+from poise.placement.refusals import no_placement
 from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
 from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
 from poise.placement.sequence import PlacementSequence, plan_sequence
@@ -30,10 +34,12 @@ __all__ = [
     "DEFAULT_PLANNER",
     "PLACEMENT_PLANNERS",
     "SUPPORT_KINDS",
+    "TURNED",
     "CancelledError",
     "ContactFeatures",
     "KeptFree",
     "Options",
+    "PackingOptions",
     "Placement",
     "PlacementPlanner",
     "PlacementProgress",
@@ -43,6 +49,7 @@ __all__ = [
     "PoseTest",
     "Steady",
     "Uncertainty",
+    "Upright",
     "Validator",
     "evaluate",
     "kept_free",

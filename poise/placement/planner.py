@@ -1,7 +1,6 @@
 """Where to put an object so that it stays: contact places first, pose second (thesis Algorithm 5), any time."""
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,16 +17,39 @@ from poise.placement.balance import SupportCheck
 from poise.placement.choice import best_confirmed
 from poise.placement.features import ContactFeatures
 from poise.placement.matching import SupportPoint, over_three, poses_on_one, poses_on_two, same_plane
+from poise.placement.orientation import Upright
 from poise.placement.refinement import refine
+from poise.placement.refusals import NO_FIT, no_placement
 from poise.placement.scoring import PlacementScore, check_criterion, estimate_score, evaluate
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, require_new
+from poise.placement.validation import UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
 _TRIES, _TESTED = 24, 3
 """Pairs of features tried on each pair of places, and poses of each draw that get the full test."""
+
+
+@dataclass(frozen=True)
+class PackingOptions:
+    """How a container is packed (planner `packing`).
+
+    Args:
+        into: id of the fixed body that carries the load; None: the largest room that fixed bodies enclose.
+        height: m, of a lid over the container's floor; None: no lid.
+        gap: m, between objects side by side and to walls. Above 1.5 mm, what is side by side does not touch.
+    """
+
+    into: str | None = None
+    height: float | None = None
+    gap: float = 2e-3
+
+    def __post_init__(self) -> None:
+        if self.height is not None and not (np.isfinite(self.height) and self.height > 0):
+            raise InputError(ErrorCode.BAD_INPUT, f"height {self.height} m: give a positive height over the floor")
+        if not (np.isfinite(self.gap) and self.gap >= 0):
+            raise InputError(ErrorCode.BAD_INPUT, f"gap {self.gap} m: give 0 or more")
 
 
 @dataclass(frozen=True)
@@ -45,6 +67,7 @@ class Options:
         tests: further conditions by name.
         looks: further conditions by name on the object at its pose alone (`KeptFree`); the cheap ones.
         refining: move a placement that was found as long as its score grows.
+        packing: for the planner `packing`.
     """
 
     attempts: int = 500
@@ -57,6 +80,7 @@ class Options:
     tests: Sequence[tuple[str, PlacementTest]] = ()
     refining: bool = False
     looks: Sequence[tuple[str, PoseTest]] = ()
+    packing: PackingOptions = PackingOptions()
 
     def __post_init__(self) -> None:
         check_criterion(self.criterion)
@@ -193,6 +217,10 @@ class _Search:
         friction = assembly.largest_friction
         self._fit = SupportCheck(shape.vertices, features.com, shape.convex, friction, -self._up)
 
+        wanted = [look for _, look in options.looks if isinstance(look, Upright)]
+        name = validator.item.id
+        self._wanted_faces = [f for f in features.faces if all(look.allows(name, -f.normal) for look in wanted)]
+
     @property
     def late(self) -> bool:
         limit = self._options.deadline
@@ -207,12 +235,12 @@ class _Search:
                 self.iteration += 1
                 accepted = None if pose is None else self._validator.accept(pose)
                 if pose is None:
-                    self._validator.rejected["no pose fits the places"] += 1
+                    self._validator.rejected[NO_FIT] += 1
                 elif accepted is None:
                     self._supports.distrust(pose.apply(self._features.com) - self._size / 2 * self._up, self._size / 4)
-                else:
-                    found.append((*accepted, None if self._options.candidates == 1 else self._estimate(accepted[0])))
-                    best = self._better(best, found[-1])
+                elif (candidate := self._judged((*accepted, None), self._options.candidates > 1)) is not None:
+                    found.append(candidate)
+                    best = self._better(best, candidate)
                 self._report(best)
                 if len(found) >= self._options.candidates or self.iteration >= self._options.attempts or self.late:
                     break
@@ -222,16 +250,25 @@ class _Search:
 
     def best_of(self, found: list[_Candidate]) -> tuple[Analysis, RigidObject]:
         """The best placement whose robustness elastic contacts confirm."""
-        if len(found) == 1:
-            return found[0][:2]
-        estimates = [score or self._estimate(analysis) for analysis, _, score in found]
+        judged = [one for one in (self._judged(one, len(found) > 1) for one in found) if one is not None] or found[:1]
+        estimates = [score for _, _, score in judged if score is not None]
+        if len(judged) == 1:
+            return judged[0][:2]
         limit = self._options.deadline
         deadline = Deadline(None if limit is None else self._start + limit)
-        analyses = [analysis for analysis, *_ in found]
-        return found[best_confirmed(analyses, estimates, self._options.criterion, deadline)][:2]
+        analyses = [analysis for analysis, *_ in judged]
+        return judged[best_confirmed(analyses, estimates, self._options.criterion, deadline)][:2]
 
-    def _estimate(self, analysis: Analysis) -> PlacementScore:
-        return estimate_score(analysis, self._options.criterion == "median")
+    def _judged(self, candidate: _Candidate, comparing: bool) -> _Candidate | None:
+        """A candidate, with its estimate when it will be compared; None when no solver finds that."""
+        analysis, item, score = candidate
+        if score is not None or not comparing:
+            return candidate
+        try:
+            return analysis, item, estimate_score(analysis, self._options.criterion == "median")
+        except NoAnswerError:
+            self._validator.rejected[UNDECIDED] += 1
+            return None
 
     def _better(self, best: _Candidate | None, new: _Candidate) -> _Candidate:
         if best is None or best[2] is None or new[2] is None:
@@ -261,7 +298,7 @@ class _Search:
         a, *others = (self._supports.contact(number) for number in numbers)
         sharp = bool(self._supports.sharp[numbers[0]])
         faces = self._features.faces
-        steady = [face for face in faces if face.steady] or list(faces)
+        steady = [face for face in self._wanted_faces if face.steady] or list(self._wanted_faces) or list(faces)
         face = steady[int(rng.integers(len(steady)))]
         top = (
             over_three(a, others[0], others[1], self._up)
@@ -287,19 +324,3 @@ class _Search:
 
 def _objects(assembly: Assembly | Analysis) -> tuple[RigidObject, ...]:
     return assembly.assembly.objects if isinstance(assembly, Analysis) else assembly.objects
-
-
-def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> NoAnswerError:
-    """NO_PLACEMENT with how many poses each test rejected; DEADLINE when there was no time for a single pose."""
-    if not iterations:
-        return NoAnswerError(
-            ErrorCode.DEADLINE, f"no time was left to try a single pose of {item.id}; give a longer deadline"
-        )
-    counts = dict(rejected.most_common())
-    why = ", ".join(f"{count} {name}" for name, count in counts.items())
-    return NoAnswerError(
-        ErrorCode.NO_PLACEMENT,
-        f"no place found for {item.id} in {iterations} poses ({why}); make room, or allow more attempts",
-        rejected=counts,
-        iterations=iterations,
-    )

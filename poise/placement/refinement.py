@@ -31,7 +31,10 @@ def refine(
     size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
     up = -unit(analysis.assembly.gravity)
     moves = [sign * axis for axis in plane_axes(up) for sign in (1.0, -1.0)]
-    best = estimate_score(analysis, criterion == "median")
+    try:
+        best = estimate_score(analysis, criterion == "median")
+    except NoAnswerError:
+        return analysis, item
     step = _FIRST_STEP
     while step >= _SMALLEST_STEP and not late():
         better = None

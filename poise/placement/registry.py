@@ -1,11 +1,12 @@
 """Placement planners by name: that of Poise, and the baselines of the thesis to compare with."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from poise.assembly import Analysis, Assembly, RigidObject
 from poise.placement.planner import Options, Placement, PlacementProgress
+from poise.placement.sequence import PlacementSequence
 from poise.registry import Registry
 
 
@@ -22,6 +23,20 @@ class PlanOne(Protocol):
     ) -> Placement: ...
 
 
+class PlanSeveral(Protocol):
+    """Plans an order of objects and their placements; see `plan_sequence` for arguments and errors."""
+
+    def __call__(
+        self,
+        assembly: Assembly | Analysis,
+        items: Sequence[RigidObject],
+        options: Options,
+        seed: int,
+        orders: int | None,
+        progress: Callable[[PlacementProgress], bool] | None,
+    ) -> PlacementSequence: ...
+
+
 @dataclass(frozen=True)
 class PlacementPlanner:
     """One planner.
@@ -31,7 +46,7 @@ class PlacementPlanner:
         description: how it finds a placement.
         plan: places one object.
         compares: it takes the best of `Options.candidates` placements; otherwise the first that stays.
-        sequences: `plan_sequence` uses it to place several objects.
+        plan_several: places several objects, and finds their order; None when it places one.
         needs, extra: see `RegistryEntry`.
     """
 
@@ -39,7 +54,7 @@ class PlacementPlanner:
     description: str
     plan: PlanOne
     compares: bool = False
-    sequences: bool = False
+    plan_several: PlanSeveral | None = None
     needs: tuple[str, ...] = ()
     extra: str = ""
 

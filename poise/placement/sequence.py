@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -58,7 +59,7 @@ def plan_sequence(
     items: Sequence[RigidObject],
     options: Options = _PLAIN,
     seed: int = 0,
-    orders: int = 1,
+    orders: int | None = None,
     progress: Callable[[PlacementProgress], bool] | None = None,
 ) -> PlacementSequence:
     """Find an order of objects and a place for each.
@@ -72,7 +73,7 @@ def plan_sequence(
         items: the objects to place, with unique ids.
         options: of each placement; a deadline is for all together.
         seed: same seed, same answer (unless a deadline cuts it short).
-        orders: how many are looked at.
+        orders: how many are looked at; None: one.
         progress: see `plan_placement`.
 
     Raises:
@@ -89,7 +90,7 @@ def plan_sequence(
     rng = np.random.default_rng(seed)
     orders_found: list[list[Placement]] = []
     most: list[Placement] = []
-    for number in range(max(orders, 1)):
+    for number in range(max(orders or 1, 1)):
         if orders_found and options.deadline is not None and time.monotonic() - start > options.deadline:
             break
         search = _Order(options, start, rng, progress, shuffled=number > 0, budget=_TRIED_PER_OBJECT * len(items))
@@ -105,10 +106,15 @@ def plan_sequence(
 def _best(orders: list[list[Placement]], options: Options, start: float) -> list[Placement]:
     if len(orders) == 1:
         return orders[0]
-    results = [placements[-1].analysis for placements in orders]
-    estimates = [estimate_score(result, options.criterion == "median") for result in results]
+    judged: list[tuple[list[Placement], PlacementScore]] = []
+    for placements in orders:
+        with suppress(NoAnswerError):  # an order of which a solver fails is dropped
+            judged.append((placements, estimate_score(placements[-1].analysis, options.criterion == "median")))
+    if not judged:
+        return orders[0]
     deadline = Deadline(None if options.deadline is None else start + options.deadline)
-    return orders[best_confirmed(results, estimates, options.criterion, deadline)]
+    results = [placements[-1].analysis for placements, _ in judged]
+    return judged[best_confirmed(results, [score for _, score in judged], options.criterion, deadline)][0]
 
 
 def _no_order(ids: list[str], placed: list[str]) -> NoAnswerError:
@@ -150,7 +156,7 @@ class _Order:
             try:
                 placement = plan_placement(analysis, item, self._left(), int(self._rng.integers(2**31)), self._progress)
             except NoAnswerError as error:
-                if error.code is not ErrorCode.NO_PLACEMENT:
+                if error.code not in (ErrorCode.NO_PLACEMENT, ErrorCode.SOLVER_FAILED):
                     raise
                 continue
             self._made.append(placement)

@@ -20,6 +20,9 @@ PlacementTest = Callable[[Analysis, RigidObject], bool]
 PoseTest = Callable[[RigidObject], bool]
 """A condition on the object at its pose alone, asked before contacts are looked for."""
 
+OVERLAPS, APART, FALLS, ROLLS = "overlaps", "touches nothing", "does not stand", "may roll: no chock or lip holds it"
+UNDECIDED, SENSITIVE = "could not be decided", "stands, but not robustly"
+"""Why a pose is rejected; undecided when a solver fails."""
 _LOOSE = 3e-4
 """m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
 _LEAST_MARGIN = 1e-3
@@ -124,24 +127,22 @@ class Validator:
         try:
             analysis = self.analysis.with_object(there)
         except InputError as error:
-            known = {ErrorCode.INTERPENETRATION: "overlaps", ErrorCode.FLOATING: "touches nothing"}
+            known = {ErrorCode.INTERPENETRATION: OVERLAPS, ErrorCode.FLOATING: APART}
             return self._reject(known.get(error.code, error.code.name.lower()))
         try:
             standing = self._standing(_without_gaps(analysis, there), there)
-            if standing is None:
-                return self._reject("does not stand")
+            if isinstance(standing, str):
+                return self._reject(standing)
             if any(self.item.id in found.objects for found in rolling(standing[0])):
-                return self._reject("may roll: no chock or lip holds it")
+                return self._reject(ROLLS)
             if standing[1] is not there and (why := self._looks_wrong(standing[1])) is not None:
                 return self._reject(why)
             if self.uncertainty is not None and not stands_disturbed(*standing, self.uncertainty):
-                return self._reject("stands, but not robustly")
+                return self._reject(SENSITIVE)
+            failed = next((name for name, test in self.tests if not test(*standing)), None)
         except NoAnswerError:
-            return self._reject("could not be decided")
-        for name, test in self.tests:
-            if not test(*standing):
-                return self._reject(name)
-        return standing
+            return self._reject(UNDECIDED)
+        return standing if failed is None else self._reject(failed)
 
     def _looks_wrong(self, item: RigidObject) -> str | None:
         return next((name for name, look in self.looks if not look(item)), None)
@@ -150,29 +151,33 @@ class Validator:
         self.rejected[why] += 1
         return None
 
-    def _standing(self, analysis: Analysis, item: RigidObject) -> tuple[Analysis, RigidObject] | None:
-        """As it is where it stands, or settled; None when neither stands safely."""
+    def _standing(self, analysis: Analysis, item: RigidObject) -> tuple[Analysis, RigidObject] | str:
+        """As it is where it stands, or settled; or why neither stands safely."""
         left = unbalanced_weight(analysis, item)
-        if left < BALANCE_ROUNDING and self._is_safe(analysis, item):
+        why: str | None = FALLS
+        if left < BALANCE_ROUNDING and (why := self._danger(analysis, item)) is None:
             return analysis, item
         if not self.settling or left > _ALMOST:
-            return None
+            return why or FALLS
         settled = settle(analysis, item, self._size)
         if settled is None:
-            return None
+            return why or FALLS
         settled = _without_gaps(*settled), settled[1]
-        return settled if self._is_safe(*settled) else None
+        return self._danger(*settled) or settled
 
-    def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
-        """It stands with something to spare, and nothing may swivel freely. The cheap questions come first."""
+    def _danger(self, analysis: Analysis, item: RigidObject) -> str | None:
+        """Why it does not stand with something to spare, or may roll or swivel freely. The cheap questions come first.
+
+        None when it stands.
+        """
         least, place = _LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
         blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
         if any(block.solvers.balance.margin * block.geometry.units.weight < least for block in blocks):
-            return False
+            return FALLS
         held = (block.geometry.grasp.toarray() for block in blocks)
         if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):
-            return False
-        return analysis.stability().margin >= least
+            return ROLLS
+        return None if analysis.stability().margin >= least else FALLS
 
 
 def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:

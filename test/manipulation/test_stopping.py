@@ -68,5 +68,6 @@ def test_why_no_grasp_holds_an_object_is_named(size, mass, word):
     )
     item = RigidObject("box", Box(np.array(size)), Pose.from_vector([0.45, 0, size[2] / 2, 0, 0, 0, 1]), mass=mass)
     reach = Reach(Arm.load("fr3"), Analysis.of(Assembly((table,), friction=0.5)), item)
-    with pytest.raises(NoAnswerError, match=word):
+    with pytest.raises(NoAnswerError, match=word) as error:
         reach.require_pick()
+    assert error.value.data["cause"] == word.replace(" ", "_")

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from benchmarks.placement import run as benchmark
 from benchmarks.placement import scenes
 from poise.assembly import Analysis, Assembly, load_scene
-from poise.baselines.planners.hm import raster
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_about
+from poise.placement.packing import heights_over
 from poise.worlds import convex_pieces
 
 FLOOR = scenes.scene("cube").objects[0]
@@ -65,7 +65,7 @@ def test_the_engine_sees_a_box_fall_that_is_past_its_edge():
 def test_a_heightmap_has_the_heights_of_the_surface():
     pyramid = scenes.scene("pyramids").objects[1]
     low = pyramid.vertices.min(axis=0)
-    heights = raster(pyramid.shape.polyhedron, pyramid.vertices, low[:2], np.array([15, 15]))
+    heights = heights_over(pyramid.shape.polyhedron, pyramid.vertices, low[:2], np.array([15, 15]), 0.004)
     # Cells of 4 mm on a base of 60 mm; the sides rise 100 mm over 30 mm.
     assert heights[0, 7] == pytest.approx(0.002 * 100 / 30)
     assert heights[7, 7] == pytest.approx(0.1)

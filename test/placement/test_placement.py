@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.placement import scenes
 from poise.assembly import Analysis, Assembly, Push, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.assembly.statics import NO_DEADLINE, Deadline
@@ -17,6 +18,7 @@ from poise.placement import (
     Options,
     PlacementScore,
     Uncertainty,
+    Upright,
     Validator,
     choice,
     evaluate,
@@ -242,3 +244,11 @@ def test_a_deadline_before_the_first_pose_is_said():
     with pytest.raises(NoAnswerError) as error:
         plan_placement(scene(*CANYON), read_object(CUBE), Options(deadline=1e-9))
     assert error.value.code is ErrorCode.DEADLINE
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mug_is_placed_upright_when_that_is_asked_for(seed):
+    scene = scenes.scene("cube")
+    mug = scenes.bowl(200)
+    found = plan_placement(scene, mug, Options(candidates=1, looks=[("turned", Upright())]), seed)
+    assert found.pose.rotation[2, 2] > np.cos(np.radians(5.0))

@@ -12,10 +12,10 @@ from itertools import product
 import numpy as np
 
 from poise.assembly import Analysis, RigidObject
-from poise.assembly.scene import Polyhedron
 from poise.baselines.placement import first_that_stays, radius, surroundings
 from poise.geometry import Pose, plane_axes, rotation_about, rotation_between, unit
 from poise.placement import ContactFeatures, PlacementPlanner
+from poise.placement.packing import heights_over
 from poise.types import Array
 
 _CELL = 0.004
@@ -27,7 +27,6 @@ _BEST = 100
 """Candidates whose stability is looked at, of each round."""
 _SPREAD = 1.0
 """Weight of x + y beside the sum of heights (their c)."""
-_EMPTY = np.inf
 
 
 def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator) -> Iterator[Pose]:
@@ -40,7 +39,7 @@ def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator
     count = np.ceil((np.ptp(corners, axis=0)[:2]) / _CELL).astype(int)
     scene = np.full(count, (analysis.assembly.objects[0].vertices @ up).min())
     for other in analysis.assembly.objects:
-        heights = raster(other.shape.polyhedron, other.vertices @ frame.T, origin, count)
+        heights = heights_over(other.shape.polyhedron, other.vertices @ frame.T, origin, count, _CELL)
         scene = np.where(np.isfinite(heights), np.maximum(scene, heights), scene)
     upright = _upright(item, up, rng)
     yield from _by_score(scene, origin, frame, item, upright)
@@ -71,8 +70,8 @@ def _by_score(scene: Array, origin: Array, frame: Array, item: RigidObject, rota
         corners = polyhedron.vertices @ rotation.T @ frame.T
         start = corners.min(axis=0)[:2]
         count = np.ceil(np.ptp(corners, axis=0)[:2] / _CELL).astype(int)
-        top = raster(polyhedron, corners, start, count)
-        bottom = -raster(polyhedron, corners * [1, 1, -1], start, count)
+        top = heights_over(polyhedron, corners, start, count, _CELL)
+        bottom = -heights_over(polyhedron, corners * [1, 1, -1], start, count, _CELL)
         if np.any(count > scene.shape):
             continue
         height, score = _let_down(scene, top, bottom)
@@ -96,34 +95,6 @@ def _let_down(scene: Array, top: Array, bottom: Array) -> tuple[Array, Array]:
         raised += height + top[i, j] - scene[i : i + places[0], j : j + places[1]]
     x, y = np.indices(places)
     return height, raised + _SPREAD * (x + y) * _CELL
-
-
-def raster(polyhedron: Polyhedron, corners: Array, origin: Array, count: Array) -> Array:
-    """(nx, ny) greatest height of a surface over the middle of each cell; -inf (empty) where there is none.
-
-    Args:
-        polyhedron: whose triangles.
-        corners: (V, 3) its vertices, height last.
-        origin: (2,) m, corner of the first cell.
-        count: (2,) cells.
-    """
-    heights = np.full(count, -_EMPTY)
-    for a, b, c in corners[polyhedron.triangles]:
-        first = np.maximum(np.floor((np.min([a, b, c], axis=0)[:2] - origin) / _CELL - 0.5), 0).astype(int)
-        last = np.minimum(np.ceil((np.max([a, b, c], axis=0)[:2] - origin) / _CELL + 0.5), count).astype(int)
-        if np.any(last <= first):
-            continue
-        x, y = np.meshgrid(*(origin[k] + _CELL * (np.arange(first[k], last[k]) + 0.5) for k in (0, 1)), indexing="ij")
-        twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
-        if abs(twice) < 1e-14:
-            continue
-        u = ((b[0] - x) * (c[1] - y) - (c[0] - x) * (b[1] - y)) / twice
-        v = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / twice
-        w = 1 - u - v
-        inside = (u >= -1e-9) & (v >= -1e-9) & (w >= -1e-9)
-        part = heights[first[0] : last[0], first[1] : last[1]]
-        part[inside] = np.maximum(part, u * a[2] + v * b[2] + w * c[2])[inside]
-    return heights
 
 
 entry = PlacementPlanner("hm", "heightmap minimisation (Wang and Hauser 2021)", partial(first_that_stays, lowest_first))

@@ -1,0 +1,283 @@
+"""Packing: closed forms, limits of the container, an order that can be followed, causes of refusals, bounded time."""
+
+import json
+import sys
+from collections.abc import Iterable
+from itertools import count
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from benchmarks.placement import packing as benchmark
+from benchmarks.placement import totes
+from benchmarks.placement.scenes import box, of_cells
+from poise.assembly import Assembly, Mesh, RigidObject
+from poise.assembly.scene.scene_files import read_object
+from poise.cli import run as poise
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose, rotation_about
+from poise.placement import CancelledError, Options, PackingOptions, Upright
+from poise.placement.packing import Packing, find_container, pack
+from poise.worlds import save_scene
+
+TOUCHING = PackingOptions(gap=0.0)
+
+
+def boxes(*sizes: tuple[float, float, float]) -> list[RigidObject]:
+    return [box(f"box_{k}", size, (0, 0, 0)) for k, size in enumerate(sizes)]
+
+
+def cubes(number: int, side: float = 0.1) -> list[RigidObject]:
+    return boxes(*[(side,) * 3] * number)
+
+
+def in_tote(
+    inside: tuple[float, float, float], items: Iterable[RigidObject], options: PackingOptions = TOUCHING, **more
+) -> Packing:
+    return pack(totes.tote(inside), list(items), Options(packing=options), **more)
+
+
+def test_eight_cubes_fill_a_tote_of_two_by_two_by_two():
+    found = in_tote((0.2, 0.2, 0.2), cubes(8))
+    assert found.top == pytest.approx(0.2)
+    assert found.utilisation == pytest.approx(1.0)
+    assert found.filled == pytest.approx(1.0)
+    assert all(step.analysis.stability().margin >= found.margin - 1e-9 for step in found.placements)
+
+
+def test_a_cut_block_goes_together_again():
+    """A guillotine case: a plank of the whole floor, and three parts of the layer on it."""
+    parts = boxes((0.15, 0.2, 0.1), (0.15, 0.1, 0.1), (0.1, 0.15, 0.1), (0.3, 0.2, 0.05))
+    found = in_tote((0.3015, 0.2015, 0.15), parts, PackingOptions(gap=0.0005, height=0.15))
+    assert found.filled == pytest.approx(0.3 * 0.2 / (0.3015 * 0.2015))
+
+
+@pytest.mark.parametrize("gap", [0.002, 0.01])
+def test_gaps_are_kept_and_everything_is_let_down_from_above(gap):
+    found = in_tote((0.3, 0.2, 0.25), totes.objects("boxes", 5, 6), PackingOptions(gap=gap), orders=10)
+    placed: list[np.ndarray] = []
+    for one in found.placements:
+        low, high = one.item.vertices.min(axis=0), one.item.vertices.max(axis=0)
+        assert np.all(low[:2] >= np.array([-0.15, -0.1]) + gap - 1e-6)
+        assert np.all(high[:2] <= np.array([0.15, 0.1]) - gap + 1e-6)
+        for other_low, other_high in placed:
+            apart = np.any((low[:2] >= other_high[:2] + gap - 1e-6) | (high[:2] <= other_low[:2] - gap + 1e-6))
+            assert apart or low[2] >= other_high[2] - 1e-6
+        placed.append((low, high))
+
+
+def test_the_benchmark_runs_a_slice_and_is_not_above_deepest_bottom_left(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    target, chosen = tmp_path / "packing.json", ["--packer", "poise", "--packer", "deepest-bottom-left-fill"]
+    monkeypatch.setattr(sys, "argv", ["packing", "--quick", "--workers", "1", "--out", str(target), *chosen])
+    benchmark.main()
+    rows = json.loads(target.read_text())
+    height = {(row["world"], row["packer"]): row["height"] for row in rows}
+    for row in rows:
+        if row["packer"] == "poise":
+            assert row["packed"] == row["wanted"] == row["steps"]
+            assert row["height"] <= height[row["world"], "deepest-bottom-left-fill"] + 1e-6
+
+
+def test_the_seed_decides():
+    first, second = (in_tote((0.4, 0.3, 0.25), totes.objects("boxes", 3, 7), seed=2, orders=12) for _ in range(2))
+    assert [one.pose.vector.tolist() for one in first.placements] == [
+        one.pose.vector.tolist() for one in second.placements
+    ]
+
+
+@pytest.mark.parametrize(
+    ("items", "height", "cause"),
+    [
+        (boxes((0.3, 0.3, 0.3), (0.05, 0.05, 0.05)), None, "too_large"),
+        (boxes((0.15, 0.18, 0.16)), 0.1, "under_lid"),
+        (cubes(9), 0.2, "no_room"),
+        (cubes(5), 0.1, "no_room"),
+    ],
+)
+def test_the_cause_of_each_refusal_is_in_the_data_and_in_the_sentence(items, height, cause):
+    with pytest.raises(NoAnswerError) as error:
+        in_tote((0.2, 0.2, 0.2), items, PackingOptions(gap=0.0, height=height), orders=3)
+    assert error.value.code is ErrorCode.NO_PLACEMENT
+    assert error.value.data["cause"] == cause
+    assert set(error.value.data["refused"].values()) == {cause}
+    assert error.value.data["left"][0] in error.value.message
+
+
+def test_a_can_that_may_not_stand_would_roll():
+    can = read_object({"id": "can", "cylinder": [0.03, 0.1], "mass": 0.3})
+    with pytest.raises(NoAnswerError, match="roll") as error:
+        pack(totes.tote(), [can], Options(looks=[("turned", Upright(("x",)))]))
+    assert error.value.data["refused"] == {"can": "would_roll"}
+
+
+def test_a_full_tote_has_no_room():
+    full = in_tote((0.2, 0.2, 0.1), boxes((0.2, 0.2, 0.1))).analysis
+    with pytest.raises(NoAnswerError) as error:
+        pack(full, [box("more", (0.05, 0.05, 0.05), (0, 0, 0))], Options(packing=PackingOptions(height=0.1)))
+    assert error.value.data["cause"] == "no_room"
+
+
+def test_what_is_in_the_tote_stays_where_it_is():
+    half = in_tote((0.2, 0.1, 0.2), cubes(1)).analysis
+    found = pack(half, [box("more", (0.1, 0.1, 0.1), (0, 0, 0))], Options(packing=TOUCHING))
+    assert found.top == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("axes", [("x",), ("-z", "y"), ("z",)])
+def test_only_allowed_axes_point_up(axes):
+    found = pack(totes.tote(), totes.objects("boxes", 1, 4), Options(looks=[("turned", Upright(axes))]), orders=3)
+    for one in found.placements:
+        up = one.pose.rotation.T @ [0, 0, 1]
+        named = ("-" if up.sum() < 0 else "") + "xyz"[int(np.abs(up).argmax())]
+        assert named in axes
+
+
+def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides():
+    cells = [(0, 0, 0, 8, 8, 1), (0, 0, 1, 1, 8, 4), (7, 0, 1, 8, 8, 4), (1, 0, 1, 7, 1, 4), (1, 7, 1, 7, 8, 4)]
+    yaw = rotation_about(np.array([0.0, 0.0, 1.0]), 0.4)
+    tote = RigidObject("tote", of_cells(tuple(cells)), Pose(yaw, np.array([0.3, 0.1, 0.0])), fixed=True)
+    floor = totes.tote().objects[0]
+    found = pack(Assembly((floor, tote), friction=0.5), cubes(4, 0.07), Options())
+    assert found.container.names == ("tote",)
+    assert found.container.high - found.container.low == pytest.approx([0.15, 0.15], abs=1e-6)
+    assert found.top == pytest.approx(0.07)
+    turned = yaw.T @ found.placements[0].pose.rotation
+    assert sorted(np.abs(turned).ravel()) == pytest.approx([0] * 6 + [1] * 3, abs=1e-6)
+
+
+def pallet() -> Assembly:
+    bodies = totes.tote().objects[:1], box("pallet", (0.406, 0.304, 0.1), (0.5, 0.5, 0.05))
+    return Assembly((*bodies[0], RigidObject("pallet", bodies[1].shape, bodies[1].pose, fixed=True)), friction=0.5)
+
+
+def test_a_pallet_is_packed_on_its_top():
+    found = pack(pallet(), cubes(12), Options(packing=PackingOptions(into="pallet")))
+    assert found.top == pytest.approx(0.1)
+    assert found.utilisation == pytest.approx(12e-3 / (0.406 * 0.304 * 0.1))
+    assert found.filled is None
+
+
+def test_a_tote_with_sloping_walls_holds_less_at_its_bottom():
+    (x, y), draft, depth = (0.2, 0.15), 0.02, 0.2
+    rings = [(x + 0.01, y + 0.01, 0.0), (x + 0.03, y + 0.03, depth), (x + draft, y + draft, depth), (x, y, 0.01)]
+    corners = [(i * a / 2, j * b / 2, z) for a, b, z in rings for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    quads = [(r + k, r + (k + 1) % 4, r + 4 + (k + 1) % 4, r + 4 + k) for r in (0, 4, 8) for k in range(4)]
+    quads += [(0, 3, 2, 1), (12, 13, 14, 15)]
+    triangles = np.array([part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))])
+    tote = RigidObject("tote", Mesh(np.array(corners), triangles), Pose(np.eye(3), np.zeros(3)), fixed=True)
+    found = pack(Assembly((tote,), friction=0.5), boxes((0.19, 0.14, 0.05), (0.195, 0.145, 0.02)), orders=5)
+    assert len(found.placements) == 2
+    assert found.container.volume(found.container.floor + 0.19) == pytest.approx(0.19 * 0.21 * 0.16, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (PackingOptions(into="nothing"), ErrorCode.OBJECT_UNKNOWN, "nothing"),
+        (PackingOptions(into="crate"), ErrorCode.BAD_INPUT, "not fixed"),
+        (PackingOptions(), ErrorCode.OBJECT_INVALID, "into"),
+    ],
+)
+def test_a_container_that_is_none_is_refused(options, code, says):
+    scene = pallet().with_object(box("crate", (0.1, 0.1, 0.1), (0, 0, 0.05)))
+    with pytest.raises(InputError, match=says) as error:
+        find_container(scene, options.into, options.height)
+    assert error.value.code is code
+
+
+def test_two_totes_are_not_chosen_from():
+    moved = [
+        RigidObject(
+            f"{item.id}_2", item.shape, Pose(np.eye(3), item.pose.translation + np.array([0.6, 0, 0])), fixed=True
+        )
+        for item in totes.tote().objects[1:]
+    ]
+    scene = Assembly((*totes.tote().objects, *moved), friction=0.5)
+    with pytest.raises(InputError, match="name the body"):
+        find_container(scene, None, None)
+    assert find_container(scene, "bottom_2", None).low == pytest.approx([0.4, -0.15])
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_lid_has_a_height(value):
+    with pytest.raises(InputError):
+        PackingOptions(height=value)
+
+
+@pytest.mark.parametrize("deadline", [None, 1e-9, 20.0])
+def test_every_request_ends_by_its_deadline(monkeypatch, deadline):
+    """The clock of this test goes on by a second whenever it is read."""
+    clock = count()
+    monkeypatch.setattr("poise.placement.packing.job.time", SimpleNamespace(monotonic=lambda: float(next(clock))))
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), cubes(80, 0.03), Options(deadline=deadline))
+    assert error.value.code is ErrorCode.DEADLINE
+    assert next(clock) <= (60 if deadline is None else deadline) + 5
+
+
+def test_an_arrangement_that_is_certified_in_time_is_given():
+    found = pack(totes.tote(), cubes(3), Options(deadline=30.0))
+    assert len(found.placements) == 3
+
+
+def test_packing_is_cancelled_by_its_caller():
+    with pytest.raises(CancelledError):
+        pack(totes.tote(), cubes(3), progress=lambda _: False)
+
+
+@pytest.fixture
+def command(tmp_path, capsys):
+    scene, target = tmp_path / "tote.yaml", tmp_path / "answer.json"
+    save_scene(totes.tote((0.25, 0.2, 0.2)), scene)
+
+    def call(*arguments: str) -> tuple[int, dict, str]:
+        status = poise(["place", str(scene), *arguments, "--json", str(target)])
+        printed = capsys.readouterr()
+        return status, json.loads(target.read_text()) if target.exists() else {}, printed.out + printed.err
+
+    return call
+
+
+ITEMS = [word for k in range(3) for word in ("--object", f"{{id: b{k}, box: [0.1, 0.08, 0.05], mass: 0.{k + 1}}}")]
+
+
+def test_the_command_packs_several_objects_into_a_tote(command):
+    status, answer, printed = command(*ITEMS, "--orders", "5")
+    assert status == 0
+    assert answer["top"] == pytest.approx(0.05)
+    assert answer["utilisation"] == pytest.approx(3 * 0.4e-3 / (0.25 * 0.2 * 0.05))
+    assert answer["filled"] == pytest.approx(answer["utilisation"] / 4)
+    assert answer["margin"] > 0
+    assert answer["container"]["size"] == pytest.approx([0.25, 0.2])
+    assert answer["container"]["depth"] == pytest.approx(0.2)
+    assert "utilisation" in printed
+
+
+def test_an_entry_says_which_of_its_axes_may_point_up(command):
+    standing = "{id: tall, box: [0.1, 0.08, 0.15], mass: 0.1, up: [z, -z]}"
+    status, answer, _ = command(*ITEMS[:2], "--object", standing, "--orders", "3")
+    assert status == 0
+    assert answer["top"] == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(
+    ("more", "status", "says"),
+    [
+        (["--height", "0.04"], 3, "does not fit under the lid"),
+        (["--height", "-1"], 2, "positive height"),
+        (["--gap", "-1"], 2, "gap"),
+        (["--height", "0.1", "--planner", "poise"], 2, "--planner packing"),
+        (["--into", "b0"], 2, "b0"),
+        (["--axes", "z,w"], 2, "'w'"),
+        (["--axes", "z", "--upright"], 2, "one of them"),
+        (["--object", "{id: x, box: [0.1, 0.1, 0.1], mass: 1, up: 3}"], 2, "up is 3"),
+        (["--object", "{id: x, box: [0.4, 0.1, 0.4], mass: 1}"], 3, "larger than the container"),
+    ],
+)
+def test_what_cannot_be_packed_is_said(command, more, status, says):
+    found, answer, printed = command(*ITEMS, *more)
+    assert found == status
+    assert says in " ".join(printed.split())
+    assert ("refused" in answer) == (status == 3)
