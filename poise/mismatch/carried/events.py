@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.assembly import Assembly
 from poise.geometry import unit
@@ -12,14 +13,16 @@ from poise.types import Array
 
 _MOVED, _TIPPED = 2e-3, np.deg2rad(1.5)
 """m and rad from which on an object has moved."""
-_SIGMAS = 5.0
-_LENGTHS = (2, 4, 8, 16)
-"""Samples in a row whose mean shows it: a small motion in noise takes more of them."""
+_SIGMAS = {2: 7.0, 4: 6.0, 8: 5.0, 16: 5.0}
+"""Deviations of the mean of so many samples that show it: a small motion in noise takes more of them."""
+_OUTLIER, _AROUND = 3.5, 5
+"""Deviations from the median of so many samples from which on a sample is an outlier, and replaced by it."""
 _BEGUN, _LEANT = 3e-4, np.deg2rad(0.2)
 """m and rad by which it has moved at the time that is reported."""
-_LEANS = 0.3
-"""Share of the motion of the centre of mass that a rotation explains, from which on the object tips."""
-_NORMAL = 1.4826
+_SOON, _SURE = 4, 1.5
+"""Samples that show how it moves; standard deviations of one by which it then leans, if it tips."""
+_LOWER, _OF_NORMAL = 0.25, 0.3186
+"""A quantile of what steps of noise are, and where that of the absolute values of a normal distribution is."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,26 @@ def height_of(scene: Assembly, name: str) -> float:
     return float(item.com_in_world @ up - (item.vertices @ up).min())
 
 
+def _over(scene: Assembly, name: str) -> float:
+    """m of the object's frame over its lowest point."""
+    item = scene.objects[scene.place_of(name)]
+    up = -unit(np.asarray(scene.gravity))
+    return float(item.pose.translation @ up - (item.vertices @ up).min())
+
+
 def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: Assembly) -> CarriedMotion | None:
-    shift, lean = track.translation - track.start.translation, _leaning(track)
-    found = [_detected(shift, _MOVED, track), _detected(lean, _TIPPED, track)]
+    shift = _cleaned(track.translation - track.start.translation, track.noise[0])
+    lean = _cleaned(_leaning(track), track.noise[1])
+    found = [
+        _detected(shift, _MOVED, track.noise[0], track),
+        _detected(lean, _TIPPED, track.noise[1], track),
+    ]
     hits = [one for one in found if one is not None]
     if not hits:
         return None
     seen, length = min(hits)
     height = height_of(scene, name)
-    tips = _tips(shift, lean, height, seen, track.noise[1])
+    tips = _tips(shift, lean, _over(scene, name), seen, track.noise)
     signal, noise = (height * lean, height * track.noise[1]) if tips else (shift, track.noise[0])
     last = slice(max(seen - length // 2, 0), seen + 3)
     way = unit(signal[last].mean(axis=0))
@@ -87,10 +101,13 @@ def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: A
     return CarriedMotion(name, "tip" if tips else "slip", time, deviation, farthest, most, released)
 
 
-def _tips(shift: Array, lean: Array, height: float, seen: int, noise: float) -> bool:
-    soon = slice(seen, seen + 3)
-    leans, moves = (float(np.linalg.norm(signal[soon].mean(axis=0))) for signal in (lean, shift))
-    return leans * height > _LEANS * moves and leans > 3 * noise
+def _tips(shift: Array, lean: Array, over: float, seen: int, noise: tuple[float, float]) -> bool:
+    """Whether a rotation about its lowest points, `over` m below its frame, explains the motion better than none."""
+    soon = slice(seen, seen + _SOON)
+    moved, leant = shift[soon].mean(axis=0), lean[soon].mean(axis=0)
+    rotated = np.linalg.norm((moved - over * leant)[:2]) / np.hypot(max(noise[0], 1e-4), over * noise[1])
+    upright = np.linalg.norm(leant) / max(noise[1], 1e-4)
+    return bool(rotated < upright and upright > _SURE)
 
 
 def _leaning(track: ObjectTrack) -> Array:
@@ -99,22 +116,28 @@ def _leaning(track: ObjectTrack) -> Array:
     vertical = track.rotation @ there.T[:, 2]
     level = vertical * [1, 1, 0]
     angle = np.arctan2(np.linalg.norm(level, axis=1), vertical[:, 2])
-    return level * (angle / np.maximum(np.linalg.norm(level, axis=1), 1e-12))[:, None]
+    return np.asarray(level * (angle / np.maximum(np.linalg.norm(level, axis=1), 1e-12))[:, None])
 
 
-def _detected(values: Array, least: float, track: ObjectTrack) -> tuple[int, int] | None:
-    """The sample at which means of so many samples, the second figure, show that an object is elsewhere."""
+def _cleaned(values: Array, noise: float) -> Array:
+    """(N, K) without outliers (Hampel's filter)."""
+    half = _AROUND // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    middle = np.median(sliding_window_view(padded, _AROUND, axis=0), axis=-1)
+    return np.where(np.abs(values - middle) > _OUTLIER * noise, middle, values)
+
+
+def _detected(values: Array, least: float, noise: float, track: ObjectTrack) -> tuple[int, int] | None:
+    """The sample at which the mean of so many samples, the second figure, shows that an object is elsewhere."""
     sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    steps = np.diff(values, axis=0)
-    alone = _NORMAL * float(np.median(np.abs(steps - np.median(steps, axis=0)))) / np.sqrt(2)
     known = track.first.stop
     hits = []
-    for length in (each for each in _LENGTHS if 2 * each < len(values)):
+    for length, sigmas in ((each, sigmas) for each, sigmas in _SIGMAS.items() if 2 * each < len(values)):
         means = (sums[length:] - sums[:-length]) / length
-        apart = means[length:] - means[:-length]
-        slow = _NORMAL * float(np.median(np.abs(apart))) / np.sqrt(2)  # of noise that averages less than white noise
-        spread = np.hypot(max(alone / np.sqrt(length), slow), 1.25 * alone / np.sqrt(known))
-        over = np.linalg.norm(means, axis=1) > max(least, _SIGMAS * spread)
+        apart = np.abs(means[length:] - means[:-length])
+        slow = float(np.quantile(apart, _LOWER)) / _OF_NORMAL / np.sqrt(2)  # noise that averages less than white noise
+        spread = np.hypot(max(noise / np.sqrt(length), slow), 1.25 * noise / np.sqrt(known))
+        over = np.linalg.norm(means, axis=1) > max(least, sigmas * spread)
         if over.any():
             hits.append((int(np.argmax(over)) + length - 1, length))
     return min(hits, default=None)

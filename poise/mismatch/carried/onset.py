@@ -12,6 +12,8 @@ _STEP = 0.01
 """s between the moments that are tried."""
 _AMPLITUDES = np.geomspace(0.5, 2.0, 9)
 """Of the motion against that of a body with the declared sizes."""
+_TAILS = 20.0
+"""Degrees of freedom of the noise."""
 _FREE = 1.5
 """What an amplitude that nothing predicts costs, in logarithms of a probability."""
 
@@ -80,9 +82,10 @@ def _released(excess: Array, stiffness: float) -> Array:
 
 
 def _likelihood(path: Array, values: Array, noise: float) -> float:
-    """Logarithm, with 10 % of the path as its own error."""
+    """Logarithm, with 10 % of the path as its own error, and the tails of Student's t."""
     spread = np.sqrt(noise**2 + (0.1 * path) ** 2)
-    return float(-0.5 * np.sum(((values - path) / spread) ** 2) - np.sum(np.log(spread)))
+    square = ((values - path) / spread) ** 2
+    return float(-0.5 * (_TAILS + 1) * np.sum(np.log1p(square / _TAILS)) - np.sum(np.log(spread)))
 
 
 def _crossing(clock: Array, path: Array, visible: float, begin: float) -> float:
