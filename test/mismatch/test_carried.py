@@ -144,7 +144,7 @@ def test_outliers_are_no_motion(tmp_path: Path) -> None:
     assert not found.seen
 
 
-def test_a_tilt_is_told_by_what_all_objects_did(tmp_path: Path) -> None:
+def test_a_tilt_follows_from_what_all_objects_did(tmp_path: Path) -> None:
     """The two objects of seed 36 that move earlier in one direction share a tilt; each alone could be a friction."""
     answer, _ = answered(draw(36), tmp_path)
     assert answer["effects"][0]["name"] == "tray_tilt"

@@ -29,9 +29,9 @@ _ELSEWHERE, _TURNED = 0.01, np.deg2rad(3.0)
 """m and rad that an object may be off its place."""
 
 _TELLS = {
-    "tray_tilt": "a tilt is told by the same acceleration in the opposite direction, which then moves it later",
-    "liquid": "a liquid is told by an acceleration that grows slowly, over 2 s or more, which lets nothing swing",
-    "push": "a push is told by the same motion again, which then moves nothing",
+    "tray_tilt": "under a tilt, the same acceleration in the opposite direction moves it later",
+    "liquid": "a liquid does not swing under an acceleration that grows slowly, over 2 s or more",
+    "push": "after a push, the same motion again moves nothing",
 }
 """The motion that distinguishes a cause from its rivals."""
 
