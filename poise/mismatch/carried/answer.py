@@ -22,7 +22,7 @@ _DECLARED, _PUSH = 0.5, 0.05
 _NAMED, _RIVAL = 0.5, 0.05
 """Probability from which on a cause is named, and from which on another one is its rival."""
 _TEMPER = 0.8
-"""Power of the probabilities of causes, from development cases (`benchmarks.carried --first 0`)."""
+"""Power of the probabilities of causes: less certain than the families say. Chosen, not fitted."""
 _LEAST = 0.1
 """Probability of the likeliest cause, below which the answer is unknown."""
 _ELSEWHERE, _TURNED = 0.01, np.deg2rad(3.0)
