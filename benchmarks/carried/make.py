@@ -1,7 +1,8 @@
 """A scene on a base that drives, simulated in MuJoCo, with one thing that is not as the scene file declares.
 
 It shares no code with `poise.mismatch.carried`: MuJoCo moves the objects in the frame of the base, whose acceleration
-is a force on all masses. Odometry is at 50 Hz; a camera sees the objects at 30 Hz with noise of 0.5 to 1.5 mm.
+is a force on all masses. In the world `PLAIN` odometry is at 50 Hz, and a camera sees the objects at 30 Hz with white
+noise of 0.5 to 1.5 mm. `ROUGH` breaks what the tool takes for granted.
 """
 
 from dataclasses import dataclass, replace
@@ -20,6 +21,30 @@ CAUSES = (
 GRAVITY, STEP, SECONDS = 9.81, 5e-4, 12.0
 Snapshot = tuple[float, np.ndarray, np.ndarray]
 """s, (B, 3) m, (B, 3, 3) of all objects, in the scene."""
+
+
+@dataclass(frozen=True)
+class World:
+    """How a case is recorded, and what no scene file says.
+
+    Args:
+        odometry, camera: Hz.
+        late: s by which the stamps of the camera are late.
+        tails: degrees of freedom of the noise (Student's t); 0: normal.
+        drift: m, one sigma of a slow error of the camera.
+        rounded: m of the edges of all objects.
+    """
+
+    odometry: float = 50.0
+    camera: float = 30.0
+    late: float = 0.0
+    tails: float = 0.0
+    drift: float = 0.0
+    rounded: float = 0.0
+
+
+PLAIN = World()
+ROUGH = World(odometry=30.0, camera=20.0, late=0.02, tails=3.0, drift=3e-4, rounded=1.5e-3)
 
 
 @dataclass(frozen=True)
@@ -161,7 +186,7 @@ def drive(case: Case) -> tuple[np.ndarray, np.ndarray]:
     return times, np.cumsum(jerk, axis=0) * STEP
 
 
-def _model(case: Case) -> Any:
+def _model(case: Case, world: World) -> Any:
     spec = mujoco.MjSpec()
     spec.option.timestep = STEP
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -175,7 +200,8 @@ def _model(case: Case) -> Any:
         added = spec.worldbody.add_body(name=body.name, pos=body.place)
         added.add_freejoint()
         kind = mujoco.mjtGeom.mjGEOM_BOX if body.kind == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
-        size = [*body.size, 0.0][:3]
+        narrow = [world.rounded] * (len(body.size) - 1)  # a body stands on what its edges leave
+        size = [*np.subtract(body.size[:-1], narrow), body.size[-1], 0.0][:3]
         solid = body.mass * (0.5 if body.liquid else 1.0)
         added.explicitinertial = True
         added.mass, added.ipos = solid, [0, 0, body.raised]
@@ -199,10 +225,10 @@ def _model(case: Case) -> Any:
     return spec.compile()
 
 
-def simulate(case: Case) -> tuple[Seen, list[Snapshot]]:
+def simulate(case: Case, world: World = PLAIN) -> tuple[Seen, list[Snapshot]]:
     """What happens, every 10 ms: what moves first, and where all objects are."""
     times, acceleration = drive(case)
-    model = _model(case)
+    model = _model(case, world)
     data = mujoco.MjData(model)
     tilt = Rotation.from_euler("xy", case.tilt).as_matrix()
     ids = [model.body(body.name).id for body in case.true]
@@ -240,29 +266,38 @@ def _first(case: Case, poses: list[Snapshot]) -> Seen:
     return Seen(case.true[body].name, "tip" if tips else "slip", poses[began][0])
 
 
-def write(case: Case, path: Path, poses: list[Snapshot]) -> None:
+def write(case: Case, path: Path, poses: list[Snapshot], world: World = PLAIN) -> None:
     """The recording: odometry of the tray, and what a camera sees of the objects, as tf."""
     times, acceleration = drive(case)
     rng = np.random.default_rng([case.seed, 21])
     speed = np.cumsum(acceleration, axis=0) * STEP
     place = np.cumsum(speed, axis=0) * STEP
-    rows = slice(0, None, int(0.02 / STEP))
+    rows = slice(0, None, round(1 / (world.odometry * STEP)))
     base = np.column_stack([place[rows], np.zeros(len(place[rows]))])
     base[:, :2] += rng.normal(scale=rng.uniform(1e-5, 1e-4), size=base[:, :2].shape)
     stamps = 10**18 + np.round(times[rows] * 1e9).astype(np.int64)
     streams = [PoseStream(stamps, np.tile(np.eye(3), (len(base), 1, 1)), base, "odom", "tray")]
     noise = rng.uniform(5e-4, 1.5e-3)
     when = np.array([time for time, _, _ in poses])
-    shots = np.unique(np.round(np.arange(0.0, SECONDS - 0.05, 1 / 30) / 0.01).astype(int))
+    shots = np.unique(np.round(np.arange(0.0, SECONDS - 0.05, 1 / world.camera) / 0.01).astype(int))
     for number, body in enumerate(case.true):
-        shifts = np.array([poses[i][1][number] for i in shots]) + rng.normal(scale=noise, size=(len(shots), 3))
+        shifts = np.array([poses[i][1][number] for i in shots]) + noise * _error(rng, (len(shots), 3), world)
+        if world.drift:
+            shifts += world.drift * np.sin(2 * np.pi * (0.3 * when[shots, None] + rng.uniform(size=3)))
         shifts[:, 2] += 0.01  # the tray's frame is in its middle
         jitter = Rotation.from_rotvec(rng.normal(scale=np.deg2rad(0.2), size=(len(shots), 3))).as_matrix()
         turns = np.array([poses[i][2][number] for i in shots]) @ jitter
-        seen = 10**18 + np.round(when[shots] * 1e9).astype(np.int64)
+        seen = 10**18 + np.round((when[shots] + world.late) * 1e9).astype(np.int64)
         streams.append(PoseStream(seen, turns, shifts, "tray", body.name))
     messages = [(stamp, bytes_) for stream in streams for stamp, bytes_ in encode_stream("tf", stream)]
     with RecordingWriter(path) as writer:
         writer.add_topic("tf", "tf2_msgs/msg/TFMessage")
         for stamp, content in sorted(messages, key=lambda one: one[0]):
             writer.write("tf", stamp, content)
+
+
+def _error(rng: np.random.Generator, shape: tuple[int, int], world: World) -> np.ndarray:
+    """Noise of one sigma."""
+    if not world.tails:
+        return rng.normal(size=shape)
+    return rng.standard_t(world.tails, size=shape) / np.sqrt(world.tails / (world.tails - 2))

@@ -8,28 +8,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly
-from poise.errors import InputError
+from poise.errors import InputError, PoiseError
 from poise.geometry import Pose, vector_of_rotation
-from poise.mismatch.carried.causes import (
-    DECLARED_WITHIN,
-    Candidate,
-    SceneCause,
-    by_chance,
-    families,
-    moved_to,
-    probability,
-)
+from poise.mismatch.carried.causes import DECLARED_WITHIN, Candidate, SceneCause, families, moved_to, tilt
 from poise.mismatch.carried.events import CarriedMotion, motions
-from poise.mismatch.carried.prediction import Loading, loading, mode_at
+from poise.mismatch.carried.evidence import Part, by_chance, elsewhere, parts_of, probability, undisturbed
+from poise.mismatch.carried.prediction import Loading, SceneLimits, loading, mode_at
 from poise.mismatch.carried.recorded import CarriedRecording
 from poise.types import Array, Progress
 
 _DECLARED, _PUSH = 0.5, 0.05
 """Prior probabilities that the scene is as declared, and of a push."""
-_NAMED, _RIVAL = 0.5, 0.1
+_NAMED, _RIVAL = 0.5, 0.05
 """Probability from which on a cause is named, and from which on another one is its rival."""
+_TEMPER = 0.8
+"""Power of the probabilities of causes: less certain than the families say. Chosen, not fitted."""
+_LEAST = 0.1
+"""Probability of the likeliest cause, below which the answer is unknown."""
 _ELSEWHERE, _TURNED = 0.01, np.deg2rad(3.0)
 """m and rad that an object may be off its place."""
+
+_TELLS = {
+    "tray_tilt": "under a tilt, the same acceleration in the opposite direction moves it later",
+    "liquid": "a liquid does not swing under an acceleration that grows slowly, over 2 s or more",
+    "push": "after a push, the same motion again moves nothing",
+}
+"""The motion that distinguishes a cause from its rivals."""
 
 
 @dataclass(frozen=True)
@@ -108,11 +112,11 @@ def examine_carried(
     Analysis.of(scene)  # a scene that is invalid by itself is refused
     displaced, there, notes = _placed(recording, scene)
     notes = [*recording.notes, *notes]
-    seen = motions(recording.objects, there)
+    seen = motions(recording, there)
     first = seen[0] if seen else None
     nominal = loading(there, recording.acceleration)
     predicted = _predicted(there, nominal, recording)
-    declared, ranked, untried = _beliefs(recording, there, nominal, first or predicted, first, end, progress)
+    declared, ranked, untried = _beliefs(recording, there, seen, end, progress)
     if untried:
         notes.append(f"the deadline left no time for {', '.join(untried)}")
     found = _effects(ranked, first)
@@ -128,7 +132,7 @@ def _verdict(declared: float, found: Sequence[CarriedEffect], displaced: bool) -
         return "named" if displaced else "none"
     if found and found[0].belief >= _NAMED:
         return "named"
-    return "mixed" if found and found[0].belief >= _RIVAL else "unknown"
+    return "mixed" if found and found[0].belief >= _LEAST else "unknown"
 
 
 def _placed(recording: CarriedRecording, scene: Assembly) -> tuple[list[CarriedEffect], Assembly, list[str]]:
@@ -177,38 +181,114 @@ class _Tried:
     weights: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """The parts of a scene with their limits as declared, and the probability of what each did."""
+
+    parts: Sequence[Part]
+    limits: Sequence[SceneLimits]
+    declared: Sequence[float]
+    recording: CarriedRecording
+
+    @classmethod
+    def of(cls, recording: CarriedRecording, parts: Sequence[Part]) -> "_Evidence":
+        limits = [SceneLimits.of(part.scene) for part in parts]
+        found = cls(parts, limits, (), recording)
+        felt = Candidate(0.0, 1.0, None, recording.acceleration, DECLARED_WITHIN)
+        return replace(found, declared=[found.chance(felt, number) for number in range(len(parts))])
+
+    def chance(self, candidate: Candidate, number: int) -> float:
+        """Of what a part did, for a cause that concerns it."""
+        try:
+            limits = self.limits[number] if candidate.scene is None else SceneLimits.of(candidate.scene)
+            seconds, noise = self.recording.seconds, self.recording.noise
+            part = self.parts[number]
+            return probability(limits, candidate.acceleration, candidate.tolerance, part, seconds, noise)
+        except PoiseError:  # such a scene cannot be: objects overlap, or fall
+            return 0.0
+
+    def others(self, number: int) -> float:
+        """Of what all other parts did, for a cause that does not concern them."""
+        seconds = self.recording.seconds
+        found = [elsewhere(self.declared[n], part, seconds) for n, part in enumerate(self.parts) if n != number]
+        return math.prod(found)
+
+    def pushed(self, number: int) -> float:
+        """Of what all parts did, if one was pushed."""
+        part, recording = self.parts[number], self.recording
+        still = undisturbed(
+            self.limits[number], part, recording.acceleration, DECLARED_WITHIN + recording.noise, recording.seconds
+        )
+        return still * by_chance(part, recording.seconds) * self.others(number)
+
+    def tried(self, cause: SceneCause, number: int | None) -> _Tried:
+        """A cause that concerns one part, or all of them."""
+        tried = list(cause.candidates())
+        every = range(len(self.parts))
+        chances = [
+            one.weight
+            * (
+                math.prod(self.chance(one, n) for n in every)
+                if number is None
+                else self.chance(one, number) * self.others(number)
+            )
+            for one in tried
+        ]
+        values, weights = np.array([one.value for one in tried]), np.array(chances)
+        return _Tried(cause, cause.prior * float(weights.sum()), values, weights)
+
+
 def _beliefs(
     recording: CarriedRecording,
     scene: Assembly,
-    nominal: Loading,
-    subject: CarriedMotion | None,
-    first: CarriedMotion | None,
+    seen: Sequence[CarriedMotion],
     end: float,
     progress: Progress,
 ) -> tuple[float, list[_Tried], list[str]]:
     """The probability of the scene as declared, those of the causes, the likeliest first, and what was not tried."""
-    times, felt, noise = recording.seconds, recording.acceleration, recording.noise
-    none = np.zeros(0)
-    declared = _DECLARED * probability(Candidate(0.0, 1.0, scene, felt, DECLARED_WITHIN), first, times, noise)
+    felt, none = recording.acceleration, np.zeros(0)
+    evidence = _Evidence.of(recording, parts_of(recording, scene, seen))
+    subjects = _subjects(evidence)
+    declared = _DECLARED * math.prod(evidence.declared)
     rows, untried = list[_Tried](), list[str]()
-    if first is not None:
-        pushed = SceneCause("push", (first.object,), "", "", _PUSH, lambda: iter(()))
-        rows.append(_Tried(pushed, _PUSH * by_chance(nominal, first, times, noise), none, none))
-    if subject is not None:
-        way = felt[min(int(np.searchsorted(times, subject.time)), len(felt) - 1)]
-        every = families(scene, felt, subject.object, way)
-        for number, cause in enumerate(every):
-            if time.monotonic() > end:
-                untried.append(_called(cause))
-                continue
-            tried = list(cause.candidates())
-            chances = np.array([one.weight * probability(one, first, times, noise) for one in tried])
-            values = np.array([one.value for one in tried])
-            rows.append(_Tried(cause, cause.prior * float(chances.sum()), values, chances))
-            progress((number + 1) / len(every))
+    every = list[tuple[SceneCause, int | None]]()
+    for number, name in subjects.items():
+        if evidence.parts[number].first is not None:
+            pushed = SceneCause("push", (name,), "", "", _PUSH, lambda: iter(()))
+            rows.append(_Tried(pushed, _PUSH / len(subjects) * evidence.pushed(number), none, none))
+        causes = families(evidence.parts[number].scene, felt, name)
+        every += [(replace(one, prior=one.prior / len(subjects)), number) for one in causes]
+    every += [(tilt(scene, felt), None)] if subjects else []
+    for done, (cause, place) in enumerate(every):
+        if time.monotonic() > end:
+            untried.append(_called(cause))
+            continue
+        rows.append(evidence.tried(cause, place))
+        progress((done + 1) / len(every))
     total = (declared + sum(row.belief for row in rows)) or 1.0
-    ranked = sorted((replace(row, belief=row.belief / total) for row in rows), key=lambda row: -row.belief)
+    ranked = sorted(_calibrated([replace(row, belief=row.belief / total) for row in rows]), key=lambda row: -row.belief)
     return declared / total, ranked, untried
+
+
+def _calibrated(rows: Sequence[_Tried]) -> list[_Tried]:
+    """The same probability of all causes together, less certain which one: families are rougher than what happens."""
+    together = sum(row.belief for row in rows)
+    spread = sum(row.belief**_TEMPER for row in rows) or 1.0
+    return [replace(row, belief=together * row.belief**_TEMPER / spread) for row in rows]
+
+
+def _subjects(evidence: _Evidence) -> dict[int, str]:
+    """What moved first of each part, or is predicted to."""
+    found = {}
+    for number, (part, limits) in enumerate(zip(evidence.parts, evidence.limits, strict=True)):
+        if part.first is not None:
+            found[number] = part.first.object
+            continue
+        acceleration = evidence.recording.acceleration
+        at = limits.loading(acceleration).crossing()
+        if at is not None and evidence.recording.seconds[at] < part.until:
+            found[number] = next(iter(mode_at(part.scene, acceleration[at])[1]), part.names[0])
+    return found
 
 
 def _effects(ranked: Sequence[_Tried], first: CarriedMotion | None) -> tuple[CarriedEffect, ...]:
@@ -260,4 +340,8 @@ def _worded(effect: CarriedEffect, first: CarriedMotion | None) -> CarriedEffect
             "; a rounded edge would look the same. A rounded edge shortens all levers by one length, a higher centre of"
             " mass divides all limits by one factor: accelerate across a longer side of the base, too"
         )
+    names = {effect.name, *(rival.split(" of ")[0] for rival in effect.indistinguishable)}
+    for each, motion in _TELLS.items():
+        if effect.indistinguishable and each in names:
+            words += f"; {motion}"
     return replace(effect, sentence=words)

@@ -1,24 +1,28 @@
 """When an object on a base first moves, and how: it slips, or it tips."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.assembly import Assembly
 from poise.geometry import unit
-from poise.mismatch.carried.recorded import ObjectTrack
+from poise.mismatch.carried.onset import onset
+from poise.mismatch.carried.recorded import CarriedRecording, ObjectTrack
 from poise.types import Array
 
 _MOVED, _TIPPED = 2e-3, np.deg2rad(1.5)
 """m and rad from which on an object has moved."""
-_SIGMAS = 6.0
-_LASTING = 2
-"""Samples in a row."""
-_BACK, _AFTER = 0.5, 0.08
-"""s before and after the detection that the beginning is fitted to."""
-_LEANS = 0.3
-"""Share of the motion of the centre of mass that a rotation explains, from which on the object tips."""
+_SIGMAS = {2: 7.0, 4: 6.0, 8: 5.0, 16: 5.0}
+"""Deviations of the mean of so many samples that show it: a small motion in noise takes more of them."""
+_OUTLIER, _AROUND = 3.5, 5
+"""Deviations from the median of so many samples from which on a sample is an outlier, and replaced by it."""
+_BEGUN, _LEANT = 3e-4, np.deg2rad(0.2)
+"""m and rad by which it has moved at the time that is reported."""
+_SOON, _SURE = 4, 1.5
+"""Samples that show how it moves; standard deviations of one by which it then leans, if it tips."""
+_LOWER, _OF_NORMAL = 0.25, 0.3186
+"""A quantile of what steps of noise are, and where that of the absolute values of a normal distribution is."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +32,10 @@ class CarriedMotion:
     Args:
         object: its id.
         mode: "slip" or "tip".
-        time: s, when it began.
+        time: s, when it had moved by 0.3 mm, or leaned by 0.2 degrees.
         deviation: s, one sigma of that.
         moved, tilted: m and rad, most that it moved.
+        released: s, when what held it gave way.
     """
 
     object: str
@@ -39,11 +44,12 @@ class CarriedMotion:
     deviation: float
     moved: float
     tilted: float
+    released: float = float("nan")
 
 
-def motions(tracks: Mapping[str, ObjectTrack], scene: Assembly) -> tuple[CarriedMotion, ...]:
+def motions(recording: CarriedRecording, scene: Assembly) -> tuple[CarriedMotion, ...]:
     """What moved, the first one first."""
-    found = (_motion(name, track, height_of(scene, name)) for name, track in tracks.items())
+    found = (_motion(name, track, recording, scene) for name, track in recording.objects.items())
     return tuple(sorted((one for one in found if one is not None), key=lambda one: one.time))
 
 
@@ -54,47 +60,84 @@ def height_of(scene: Assembly, name: str) -> float:
     return float(item.com_in_world @ up - (item.vertices @ up).min())
 
 
-def _motion(name: str, track: ObjectTrack, height: float) -> CarriedMotion | None:
-    moved, tilted = track.moved, _tilted(track)
-    at_moved = _first(moved, max(_MOVED, _SIGMAS * track.noise[0]))
-    at_tilted = _first(tilted, max(_TIPPED, _SIGMAS * track.noise[1]))
-    starts = [at for at in (at_moved, at_tilted) if at is not None]
-    if not starts:
+def _over(scene: Assembly, name: str) -> float:
+    """m of the object's frame over its lowest point."""
+    item = scene.objects[scene.place_of(name)]
+    up = -unit(np.asarray(scene.gravity))
+    return float(item.pose.translation @ up - (item.vertices @ up).min())
+
+
+def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: Assembly) -> CarriedMotion | None:
+    shift = _cleaned(track.translation - track.start.translation, track.noise[0])
+    lean = _cleaned(_leaning(track), track.noise[1])
+    found = [
+        _detected(shift, _MOVED, track.noise[0], track),
+        _detected(lean, _TIPPED, track.noise[1], track),
+    ]
+    hits = [one for one in found if one is not None]
+    if not hits:
         return None
-    seen = min(starts)
-    after = min(seen + _LASTING, len(moved) - 1)
-    leans = tilted[after] * height > _LEANS * moved[after] and tilted[after] > 4 * track.noise[1]
-    signal, noise = (height * tilted, height * track.noise[1]) if leans else (moved, track.noise[0])
-    time, deviation = _began(track.seconds, signal, noise, seen)
-    return CarriedMotion(name, "tip" if leans else "slip", time, deviation, float(moved.max()), float(tilted.max()))
+    seen, length = min(hits)
+    height = height_of(scene, name)
+    tips = _tips(shift, lean, _over(scene, name), seen, track.noise)
+    signal, noise = (height * lean, height * track.noise[1]) if tips else (shift, track.noise[0])
+    last = slice(max(seen - length // 2, 0), seen + 3)
+    way = unit(signal[last].mean(axis=0))
+    item = scene.objects[scene.place_of(name)]
+    size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
+    weight = float(np.linalg.norm(scene.gravity))
+    released, time, deviation = onset(
+        track.seconds,
+        signal @ way,
+        max(noise, 1e-4),
+        seen,
+        (recording.seconds, -recording.acceleration @ way),
+        1.5 * weight / size if tips else 0.0,
+        0.7 if tips else 1.0,
+        height * _LEANT if tips else _BEGUN,
+        length * float(np.median(np.diff(track.seconds))),
+    )
+    farthest, most = float(track.moved.max()), float(np.linalg.norm(lean, axis=1).max())
+    return CarriedMotion(name, "tip" if tips else "slip", time, deviation, farthest, most, released)
 
 
-def _tilted(track: ObjectTrack) -> Array:
-    """(N,) rad from how the object stood at first."""
-    up = track.rotation[:, 2, :]  # the scene's vertical in the object's axes: turning about it is no tipping
-    return np.arccos(np.clip(up @ unit(np.median(up[track.first], axis=0)), -1.0, 1.0))
+def _tips(shift: Array, lean: Array, over: float, seen: int, noise: tuple[float, float]) -> bool:
+    """Whether a rotation about its lowest points, `over` m below its frame, explains the motion better than none."""
+    soon = slice(seen, seen + _SOON)
+    moved, leant = shift[soon].mean(axis=0), lean[soon].mean(axis=0)
+    rotated = np.linalg.norm((moved - over * leant)[:2]) / np.hypot(max(noise[0], 1e-4), over * noise[1])
+    upright = np.linalg.norm(leant) / max(noise[1], 1e-4)
+    return bool(rotated < upright and upright > _SURE)
 
 
-def _first(values: Array, limit: float) -> int | None:
-    """Where values begin to stay above a limit for a while."""
-    above = np.convolve(values > limit, np.ones(_LASTING), "valid") == _LASTING
-    return int(np.argmax(above)) if above.any() else None
+def _leaning(track: ObjectTrack) -> Array:
+    """(N, 3) rad by which its vertical leans away from how it stood at first; turning about it is no leaning."""
+    there = track.start.rotation  # the scene's vertical in the object's axes at first, as a direction of the object
+    vertical = track.rotation @ there.T[:, 2]
+    level = vertical * [1, 1, 0]
+    angle = np.arctan2(np.linalg.norm(level, axis=1), vertical[:, 2])
+    return np.asarray(level * (angle / np.maximum(np.linalg.norm(level, axis=1), 1e-12))[:, None])
 
 
-def _began(seconds: Array, signal: Array, noise: float, seen: int) -> tuple[float, float]:
-    """s, and one sigma: when a motion begins that accelerates steadily from rest."""
-    near = (seconds > seconds[seen] - _BACK) & (seconds < seconds[seen] + _AFTER)
-    times, values = seconds[near], signal[near]
-    level = np.median(values[: max(len(values) // 3, 1)])
-    noise = max(noise, 1e-4)
-    begins = np.linspace(times[0], seconds[seen], 81)
-    costs = []
-    for begin in begins:
-        shape = np.maximum(times - begin, 0) ** 2
-        pull = max(float(shape @ (values - level)) / max(float(shape @ shape), 1e-12), 0.0)
-        costs.append(float(np.sum((values - level - pull * shape) ** 2)) / (2 * noise**2))
-    weights = np.exp(-(np.array(costs) - min(costs)))
-    weights /= weights.sum()
-    time = float(weights @ begins)
-    spread = float(np.sqrt(weights @ (begins - time) ** 2))
-    return time, max(spread, float(np.median(np.diff(times))) / 2)
+def _cleaned(values: Array, noise: float) -> Array:
+    """(N, K) without outliers (Hampel's filter)."""
+    half = _AROUND // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    middle = np.median(sliding_window_view(padded, _AROUND, axis=0), axis=-1)
+    return np.where(np.abs(values - middle) > _OUTLIER * noise, middle, values)
+
+
+def _detected(values: Array, least: float, noise: float, track: ObjectTrack) -> tuple[int, int] | None:
+    """The sample at which the mean of so many samples, the second figure, shows that an object is elsewhere."""
+    sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    known = track.first.stop
+    hits = []
+    for length, sigmas in ((each, sigmas) for each, sigmas in _SIGMAS.items() if 2 * each < len(values)):
+        means = (sums[length:] - sums[:-length]) / length
+        apart = np.abs(means[length:] - means[:-length])
+        slow = float(np.quantile(apart, _LOWER)) / _OF_NORMAL / np.sqrt(2)  # noise that averages less than white noise
+        spread = np.hypot(max(noise / np.sqrt(length), slow), 1.25 * noise / np.sqrt(known))
+        over = np.linalg.norm(means, axis=1) > max(least, sigmas * spread)
+        if over.any():
+            hits.append((int(np.argmax(over)) + length - 1, length))
+    return min(hits, default=None)

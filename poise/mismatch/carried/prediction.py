@@ -1,14 +1,18 @@
 """When a scene on a base is predicted to move: the acceleration against the limits of the assembly engine."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, acceleration_limits
+from poise.assembly.robustness import AccelerationLimits
 from poise.types import Array
 
 _ASKED = 24
 """Directions of the recorded acceleration in which limits are computed."""
+_AROUND = 8
+"""Level directions beside those that `acceleration_limits` adds."""
 _STRONG = 0.3
 """Share of the largest acceleration from which on a direction is one of them."""
 _ROUGH = 5.0
@@ -44,13 +48,61 @@ def loading(scene: Assembly, acceleration: Array) -> Loading:
         load = np.full(len(acceleration), _CERTAIN)
         return Loading(load, load)
     found = acceleration_limits(analysis, _directions(acceleration), turning=False)
-    inside = np.maximum((acceleration @ found.normals.T) / np.maximum(found.offsets, 1e-9), 0).max(axis=1)
+    inside = _inside(found, acceleration)
     size = np.linalg.norm(acceleration, axis=1)
     nearest = np.argmax(acceleration @ found.directions.T, axis=1)
     aligned = np.einsum("ti,ti->t", acceleration, found.directions[nearest]) > 0.9995 * size
     direct = size / np.maximum(found.limits[nearest], 1e-9)
     load = np.where(aligned & (size > 0), direct, inside)
     return Loading(load, np.maximum.accumulate(load))
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLimits:
+    """A scene with its limits in all directions, for many accelerations; `limits` is None if it does not stand."""
+
+    scene: Assembly
+    limits: AccelerationLimits | None
+
+    @classmethod
+    def of(cls, scene: Assembly) -> "SceneLimits":
+        """Compute them.
+
+        Raises:
+            PoiseError: such a scene cannot be: objects overlap, or fall.
+        """
+        analysis = Analysis.of(scene)
+        if not analysis.stability().stable:
+            return cls(scene, None)
+        return cls(scene, acceleration_limits(analysis, _AROUND, turning=False))
+
+    def loading(self, acceleration: Array) -> Loading:
+        """The load under accelerations (T, 3), m/s2, in its frame."""
+        if self.limits is None:
+            load = np.full(len(acceleration), _CERTAIN)
+            return Loading(load, load)
+        load = _inside(self.limits, acceleration)
+        return Loading(load, np.maximum.accumulate(load))
+
+    @cached_property
+    def rough(self) -> AccelerationLimits:
+        """The limits without slipping."""
+        pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in self.scene.friction_pairs)
+        friction = _ROUGH if self.scene.friction is not None else None
+        never = replace(self.scene, friction=friction, friction_pairs=pairs)
+        return acceleration_limits(never, _AROUND, turning=False)
+
+    def slips(self, acceleration: Array) -> bool:
+        """Whether an acceleration (3,) that grows lets something slip before it tips."""
+        if self.limits is None:
+            return False
+        with_friction, without = (float(_inside(found, acceleration[None])[0]) for found in (self.limits, self.rough))
+        return without < _SLIPS * with_friction
+
+
+def _inside(found: AccelerationLimits, acceleration: Array) -> Array:
+    """(T,) load by the polytope of the limits."""
+    return np.asarray(np.maximum((acceleration @ found.normals.T) / np.maximum(found.offsets, 1e-9), 0).max(axis=1))
 
 
 def mode_at(scene: Assembly, acceleration: Array) -> tuple[str, tuple[str, ...]]:

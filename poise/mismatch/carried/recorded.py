@@ -24,6 +24,8 @@ _LEAST = 1.0
 """s of a recording."""
 _FIRST = 0.4
 """s at the beginning that show where an object stands."""
+_BLOCK = 1.0
+"""s of the parts of a track whose noise is compared."""
 _NORMAL = 1.4826
 """Standard deviation over median absolute deviation."""
 
@@ -215,6 +217,13 @@ def _track(tree: FrameTree, name: str, carrier: str, place: Pose, stamps: Stamps
     seconds = 1e-9 * (moving[known] - stamps[0])
     turn = np.einsum("tji,tjk->tik", in_scene.rotation[:-1], in_scene.rotation[1:])
     angle = np.sqrt(np.maximum(3 - np.trace(turn, axis1=1, axis2=2), 0))  # |rotation vector| for small angles
-    steps = np.diff(in_scene.translation, axis=0)
-    noise = _NORMAL * float(np.median(np.abs(steps))) / np.sqrt(2), float(np.median(angle)) / np.sqrt(2) / 1.54
+    steps = np.abs(np.diff(in_scene.translation, axis=0))
+    noise = _NORMAL * _quiet(steps, seconds) / np.sqrt(2), _quiet(angle, seconds) / np.sqrt(2) / 1.54
     return ObjectTrack(seconds, in_scene.rotation, in_scene.translation, noise)
+
+
+def _quiet(steps: Array, seconds: Array) -> float:
+    """The median step in the quieter parts of a track: an object that fell rolls on for the rest of it."""
+    edges = np.searchsorted(seconds, np.arange(seconds[0], seconds[-1], _BLOCK))
+    blocks = [block for block in np.split(steps, edges[1:]) if len(block) >= _FEWEST]
+    return float(np.quantile([np.median(block) for block in blocks or [steps]], 0.3))

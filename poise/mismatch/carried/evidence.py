@@ -1,0 +1,154 @@
+"""What each part of a scene did while the base moved, and how probable that is for given limits.
+
+A part is what touches each other without the fixed objects. What did not move is evidence, too: it withstood all
+accelerations of the recording. Two parts share a tilt of the base, but no friction and no centre of mass.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from poise.assembly import Analysis, Assembly
+from poise.mismatch.carried.events import CarriedMotion
+from poise.mismatch.carried.prediction import Loading, SceneLimits, mode_at
+from poise.mismatch.carried.recorded import CarriedRecording, ObjectTrack
+from poise.types import Array
+
+_TOGETHER = 0.05
+"""s within which what is predicted and what is seen are one event, besides the error of its time."""
+_OTHER_MODE, _OTHER_OBJECT = 0.02, 0.2
+"""Likelihood of seeing the other mode, or another object move first, than is predicted."""
+_SOMETHING_ELSE = 0.01
+"""Probability that a part does what a cause elsewhere does not explain."""
+_UPRIGHT = np.deg2rad(10.0)
+_NEAR = 0.01
+"""m of free space in which an object that moved may have touched another one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Objects that touch each other.
+
+    Args:
+        scene: these and the fixed ones.
+        names: of those that can move.
+        first: what moved first, if something did.
+        until: s up to which they are undisturbed by objects of other parts.
+    """
+
+    scene: Assembly
+    names: tuple[str, ...]
+    first: CarriedMotion | None
+    until: float
+
+
+def parts_of(recording: CarriedRecording, scene: Assembly, seen: Sequence[CarriedMotion]) -> list[Part]:
+    """The parts of a scene some object of which has poses."""
+    found = []
+    for block in Analysis.of(scene).blocks:
+        numbers = {each for one in block.interfaces for each in (one.first, one.second)}
+        members = tuple(scene.objects[n].id for n in sorted(numbers) if not scene.objects[n].fixed)
+        if not any(name in recording.objects for name in members):
+            continue
+        until = min((_touched(recording, scene, one, members) for one in seen), default=float("inf"))
+        until = min(until, float(recording.seconds[-1]))
+        first = next((one for one in seen if one.object in members and one.time <= until), None)
+        found.append(Part(_only(scene, members), members, first, until))
+    return found
+
+
+def _only(scene: Assembly, names: Sequence[str]) -> Assembly:
+    items = tuple(item for item in scene.objects if item.fixed or item.id in names)
+    known = {item.id for item in items}
+    pairs = tuple(pair for pair in scene.friction_pairs if known.issuperset(pair.objects))
+    return replace(scene, objects=items, friction_pairs=pairs)
+
+
+def _touched(recording: CarriedRecording, scene: Assembly, mover: CarriedMotion, members: Sequence[str]) -> float:
+    """s when an object that moved may have reached others."""
+    track = recording.objects[mover.object]
+    if mover.object in members:
+        return float("inf")
+    level, whole = _radii(scene, mover.object)
+    reach = np.where(_leans(track), whole, level)
+    times = []
+    for name in members:
+        place = scene.objects[scene.place_of(name)].pose.translation
+        apart = np.linalg.norm((track.translation - place)[:, :2], axis=1)
+        near = (apart < reach + _radii(scene, name)[0] + _NEAR) & (track.seconds > mover.time)
+        times += [float(track.seconds[np.argmax(near)])] if near.any() else []
+    return min(times, default=float("inf"))
+
+
+def _leans(track: ObjectTrack) -> Array:
+    return np.asarray(np.einsum("tij,ij->ti", track.rotation, track.start.rotation)[:, 2] < np.cos(_UPRIGHT))
+
+
+def _radii(scene: Assembly, name: str) -> tuple[float, float]:
+    """m, of an object from above, and at its longest."""
+    item = scene.objects[scene.place_of(name)]
+    off = item.vertices - item.pose.translation
+    return float(np.linalg.norm(off[:, :2], axis=1).max()), 2 * float(np.linalg.norm(off, axis=1).max())
+
+
+def probability(
+    limits: SceneLimits, acceleration: Array, tolerance: float, part: Part, seconds: Array, noise: float
+) -> float:
+    """Of what a part did: its first motion at its time, or none.
+
+    Args:
+        limits: of the part.
+        acceleration: (T, 3) m/s2 that it feels.
+        tolerance: one sigma of its limits, as a share.
+        part: what was seen.
+        seconds: (T,) of the accelerations.
+        noise: m/s2, one sigma of them.
+    """
+    found, first = limits.loading(acceleration), part.first
+    limit = float(np.linalg.norm(acceleration, axis=1).max()) / max(float(found.most[-1]), 1e-6)
+    spread = float(np.hypot(tolerance, noise / max(limit, 0.1)))
+    if first is None:
+        return 1 - _passed(_most_at(found, seconds, part.until), spread)
+    around = _TOGETHER + 2 * first.deviation
+    early, late = _most_at(found, seconds, first.released - around), _most_at(found, seconds, first.time + around)
+    chance = _passed(late, spread) - _passed(early, spread)
+    if chance < 1e-9:
+        return chance
+    # what the strongest acceleration of that time asks for, not what came before and was withstood
+    near = (seconds >= first.released - around) & (seconds <= first.time + around)
+    at = int(np.flatnonzero(near)[np.argmax(found.load[near])]) if near.any() else 0
+    mode = "slip" if limits.slips(acceleration[at]) else "tip"
+    chance *= 1.0 if mode == first.mode else _OTHER_MODE
+    if len(part.names) > 1 and first.object not in mode_at(part.scene, acceleration[at])[1]:
+        chance *= _OTHER_OBJECT
+    return chance
+
+
+def by_chance(part: Part, seconds: Array) -> float:
+    """Of a motion, or of none, for no reason that the scene has."""
+    if part.first is None:
+        return 1.0
+    return min(2 * (_TOGETHER + 2 * part.first.deviation) / float(seconds[-1] - seconds[0]), 1.0)
+
+
+def undisturbed(limits: SceneLimits, part: Part, acceleration: Array, tolerance: float, seconds: Array) -> float:
+    """Probability that a part had not moved before it did."""
+    end = part.until if part.first is None else part.first.released - _TOGETHER
+    return 1 - _passed(_most_at(limits.loading(acceleration), seconds, end), tolerance)
+
+
+def elsewhere(chance: float, part: Part, seconds: Array) -> float:
+    """The probability of what a part did, for a cause that does not concern it."""
+    return (1 - _SOMETHING_ELSE) * chance + _SOMETHING_ELSE * by_chance(part, seconds)
+
+
+def _passed(load: float, spread: float) -> float:
+    """Probability that something has moved up to this load."""
+    return float(ndtr((load - 1) / spread))
+
+
+def _most_at(found: Loading, seconds: Array, time: float) -> float:
+    at = int(np.searchsorted(seconds, time))
+    return float(found.most[min(at, len(seconds) - 1)]) if at > 0 else 0.0
