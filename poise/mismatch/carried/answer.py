@@ -113,13 +113,12 @@ def examine_carried(
     displaced, there, notes = _placed(recording, scene)
     notes = [*recording.notes, *notes]
     seen = motions(recording, there)
-    first = seen[0] if seen else None
     nominal = loading(there, recording.acceleration)
     predicted = _predicted(there, nominal, recording)
     declared, ranked, untried = _beliefs(recording, there, seen, end, progress)
     if untried:
         notes.append(f"the deadline left no time for {', '.join(untried)}")
-    found = _effects(ranked, first)
+    found = _effects(ranked)
     if recording.missing:
         notes.append(f"tf has no pose of {', '.join(recording.missing)}: whether they moved is not known")
     verdict = _verdict(declared, () if untried else found, bool(displaced))
@@ -173,12 +172,13 @@ def _predicted(scene: Assembly, nominal: Loading, recording: CarriedRecording) -
 
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """A cause with its probability, its values (V,), and their weights (V,)."""
+    """A cause with its probability, its values (V,), their weights (V,), and the first motion that it concerns."""
 
     cause: SceneCause
     belief: float
     values: Array
     weights: Array
+    first: CarriedMotion | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,11 +215,10 @@ class _Evidence:
 
     def pushed(self, number: int) -> float:
         """Of what all parts did, if one was pushed."""
-        part, recording = self.parts[number], self.recording
-        still = undisturbed(
-            self.limits[number], part, recording.acceleration, DECLARED_WITHIN + recording.noise, recording.seconds
-        )
-        return still * by_chance(part, recording.seconds) * self.others(number)
+        part, seconds, noise = self.parts[number], self.recording.seconds, self.recording.noise
+        felt = self.recording.acceleration
+        still = undisturbed(self.limits[number], felt, DECLARED_WITHIN, part, seconds, noise)
+        return still * by_chance(part, seconds) * self.others(number)
 
     def tried(self, cause: SceneCause, number: int | None) -> _Tried:
         """A cause that concerns one part, or all of them."""
@@ -235,7 +234,10 @@ class _Evidence:
             for one in tried
         ]
         values, weights = np.array([one.value for one in tried]), np.array(chances)
-        return _Tried(cause, cause.prior * float(weights.sum()), values, weights)
+        concerned = self.parts if number is None else (self.parts[number],)
+        moved = [part.first for part in concerned if part.first is not None]
+        first = min(moved, key=lambda motion: motion.time, default=None)
+        return _Tried(cause, cause.prior * float(weights.sum()), values, weights, first)
 
 
 def _beliefs(
@@ -253,9 +255,10 @@ def _beliefs(
     rows, untried = list[_Tried](), list[str]()
     every = list[tuple[SceneCause, int | None]]()
     for number, name in subjects.items():
-        if evidence.parts[number].first is not None:
+        first = evidence.parts[number].first
+        if first is not None:
             pushed = SceneCause("push", (name,), "", "", _PUSH, lambda: iter(()))
-            rows.append(_Tried(pushed, _PUSH / len(subjects) * evidence.pushed(number), none, none))
+            rows.append(_Tried(pushed, _PUSH / len(subjects) * evidence.pushed(number), none, none, first))
         causes = families(evidence.parts[number].scene, felt, name)
         every += [(replace(one, prior=one.prior / len(subjects)), number) for one in causes]
     every += [(tilt(scene, felt), None)] if subjects else []
@@ -291,11 +294,11 @@ def _subjects(evidence: _Evidence) -> dict[int, str]:
     return found
 
 
-def _effects(ranked: Sequence[_Tried], first: CarriedMotion | None) -> tuple[CarriedEffect, ...]:
+def _effects(ranked: Sequence[_Tried]) -> tuple[CarriedEffect, ...]:
     """The likeliest cause, with its value and its rivals."""
     if not ranked or not ranked[0].belief:
         return ()
-    best, cause = ranked[0], ranked[0].cause
+    best, cause, first = ranked[0], ranked[0].cause, ranked[0].first
     rivals = tuple(_called(row.cause) for row in ranked[1:] if row.belief > _RIVAL)
     if not len(best.values):
         return (_worded(CarriedEffect(cause.name, cause.objects, best.belief, indistinguishable=rivals), first),)

@@ -107,8 +107,7 @@ def probability(
         noise: m/s2, one sigma of them.
     """
     found, first = limits.loading(acceleration), part.first
-    limit = float(np.linalg.norm(acceleration, axis=1).max()) / max(float(found.most[-1]), 1e-6)
-    spread = float(np.hypot(tolerance, noise / max(limit, 0.1)))
+    spread = _spread(found, acceleration, tolerance, noise)
     if first is None:
         return 1 - _passed(_most_at(found, seconds, part.until), spread)
     around = _TOGETHER + 2 * first.deviation
@@ -133,15 +132,24 @@ def by_chance(part: Part, seconds: Array) -> float:
     return min(2 * (_TOGETHER + 2 * part.first.deviation) / float(seconds[-1] - seconds[0]), 1.0)
 
 
-def undisturbed(limits: SceneLimits, part: Part, acceleration: Array, tolerance: float, seconds: Array) -> float:
-    """Probability that a part had not moved before it did."""
+def undisturbed(
+    limits: SceneLimits, acceleration: Array, tolerance: float, part: Part, seconds: Array, noise: float
+) -> float:
+    """Probability that a part had not moved before it did; the arguments are those of `probability`."""
+    found = limits.loading(acceleration)
     end = part.until if part.first is None else part.first.released - _TOGETHER
-    return 1 - _passed(_most_at(limits.loading(acceleration), seconds, end), tolerance)
+    return 1 - _passed(_most_at(found, seconds, end), _spread(found, acceleration, tolerance, noise))
 
 
 def elsewhere(chance: float, part: Part, seconds: Array) -> float:
     """The probability of what a part did, for a cause that does not concern it."""
     return (1 - _SOMETHING_ELSE) * chance + _SOMETHING_ELSE * by_chance(part, seconds)
+
+
+def _spread(found: Loading, acceleration: Array, tolerance: float, noise: float) -> float:
+    """One sigma of a load, as a share of the limit: of the limit itself, and of accelerations with noise in m/s2."""
+    limit = float(np.linalg.norm(acceleration, axis=1).max()) / max(float(found.most[-1]), 1e-6)
+    return float(np.hypot(tolerance, noise / max(limit, 0.1)))
 
 
 def _passed(load: float, spread: float) -> float:

@@ -141,15 +141,15 @@ def improved(
     Returns:
         None where every effect is at its place.
     """
-    problem = state.under(found)
+    problem, now = state.under(found), None
     for replaced, best in (*_single(problem, found, instead), *_pairs(problem, found, instead)):
         kept = tuple(part for part in found.parts if part not in replaced)
         key = tuple(sorted((*(part.effect.name for part in kept), best.effect.name)))
         if key in state.replaced:
             continue
         state.replaced.add(key)
+        now = now or _fitted(state, problem, found.parts)
         tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
-        now = _fitted(state, problem, found.parts)
         pressed = _pressed(problem, tried) and not _pressed(problem, now)
         if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not pressed:
             return tried
@@ -175,15 +175,19 @@ def _pairs(
     """
     for (first, of_first), (second, of_second) in itertools.combinations(zip(found.parts, instead, strict=True), 2):
         pair = {first.effect.name, second.effect.name}
-        own = of_first.get(first.effect.name)
-        if own is None or isinstance(first.effect, FreeCurve) or isinstance(second.effect, FreeCurve):
-            continue
-        shared = (of_first[name] for name in of_first.keys() & of_second.keys() - pair)
-        equal = [
-            each for each in shared if each.gain > own.gain - EQUAL_EVIDENCE and not pair & set(each.effect.made_of)
-        ]
-        for each in sorted(equal, key=lambda one: _size(problem, one))[:_TRIED]:
+        both = [of_first[name] for name in _as_good(first, of_first) & _as_good(second, of_second) - pair]
+        both = [each for each in both if not pair & set(each.effect.made_of)]
+        for each in sorted(both, key=lambda one: _size(problem, one))[:_TRIED]:
             yield (first, second), each
+
+
+def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:
+    """Effects of the library that win about as much as a part in its place, or more; none for a free curve."""
+    own = candidates.get(part.effect.name)
+    if own is None or isinstance(part.effect, FreeCurve):
+        return set()
+    least = own.gain - EQUAL_EVIDENCE
+    return {name for name, each in candidates.items() if each.gain > least and not isinstance(each.effect, FreeCurve)}
 
 
 def _size(problem: Problem, each: EffectCandidate) -> tuple[bool, int, float]:
