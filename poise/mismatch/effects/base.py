@@ -17,7 +17,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array, Mask
+from poise.types import Array
 
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
 Values = Mapping[str, float]
@@ -225,11 +225,6 @@ class Effect(ABC):
         """Further quantities to report, {name: (value, unit)}: functions of the parameters."""
         del recorded, values
         return {}
-
-    def passes(self, recorded: RecordedMotion, values: Values) -> Mask | None:
-        """(N, 6) False where the reading is at a limit and carries no information; None without limits."""
-        del recorded, values
-        return None
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Why these values are physically impossible, as a clause; "" when they are possible.

@@ -27,7 +27,6 @@ class Saturation(Effect):
     separating_motion = "turn slowly through the largest load: the reading stays at exactly one value"
     confused_with = ("sensor_nonlinearity", "sensor_gain")
     order = 90
-    varies = True  # beside the limit, noise rounds its corner
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -47,8 +46,9 @@ class Saturation(Effect):
         limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
 
-    def passes(self, recorded: RecordedMotion, values: Values) -> Mask:
-        """See `Effect.passes`."""
+    @staticmethod
+    def passes(recorded: RecordedMotion, values: Values) -> Mask:
+        """(N, 6) False where the reading is at its limit and carries no information."""
         limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))
 

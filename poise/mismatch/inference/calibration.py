@@ -52,11 +52,6 @@ class CalibrationGroup:
         """The errors of which another signal shows that they exceed their tolerances."""
         return replace(self, bound=_WIDENED * self.bound)
 
-    def stopped(self, passes: Mask) -> "CalibrationGroup":
-        """The errors beside a sensor whose reading is at its limit where `passes` (N, C) is False: there it stays."""
-        seen = passes[:, :, None] if self.channel is None else passes[:, self.channel]
-        return replace(self, values=self.values * seen, lasting=False)
-
     @property
     def columns(self) -> Array:
         """(N, C, k) response to one tolerance of each."""

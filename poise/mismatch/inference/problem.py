@@ -177,11 +177,7 @@ class Problem:
             made = make(recorded, self.model.tolerance)
             made = tuple(group.widened() if group.name in self.widened else group for group in made)
             self._made[:] = [(recorded, made)]
-        groups = tuple(group for group in self._made[0][1] if group.name not in widened)
-        for part in parts:
-            passes = part.effect.passes(recorded, part.values)
-            groups = groups if passes is None else tuple(group.stopped(passes) for group in groups)
-        return groups
+        return tuple(group for group in self._made[0][1] if group.name not in widened)
 
     def regression(
         self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
