@@ -57,8 +57,19 @@ def slid(acceleration: np.ndarray, friction: float) -> np.ndarray:
     return found
 
 
-def record(path: Path, acceleration: np.ndarray, moved: np.ndarray, *, lean: float = 0.0, odom: bool = False) -> Path:
-    """A bag: the tray at 50 Hz, and the box at 30 Hz with 0.5 mm of noise; the base leans by `lean` about y, rad."""
+def record(
+    path: Path,
+    acceleration: np.ndarray,
+    moved: np.ndarray,
+    *,
+    lean: float = 0.0,
+    odom: bool = False,
+    still: tuple[str, ...] = (),
+) -> Path:
+    """A bag: the tray at 50 Hz, and the box at 30 Hz with 0.5 mm of noise; the base leans by `lean` about y, rad.
+
+    Objects that are `still` stand 0.4 m behind the box.
+    """
     rng = np.random.default_rng(7)
     times = np.arange(len(acceleration)) * STEP
     turn = Rotation.from_euler("y", lean).as_matrix()
@@ -70,7 +81,9 @@ def record(path: Path, acceleration: np.ndarray, moved: np.ndarray, *, lean: flo
     seen = np.column_stack([0.1 + moved, 0 * moved, 0.04 + 0 * moved])[shots]
     seen = seen + rng.normal(scale=5e-4, size=seen.shape)
     box = PoseStream(stamps[shots], np.tile(np.eye(3), (len(seen), 1, 1)), seen, "tray", "box")
-    topics = {"odom" if odom else "tf": [carried], "tf": [box] if odom else [carried, box]}
+    seen = np.tile([-0.3, 0.0, 0.04], (len(seen), 1)) + rng.normal(scale=5e-4, size=seen.shape)
+    objects = [box, *(PoseStream(box.stamps, box.rotation_parent_child, seen, "tray", name) for name in still)]
+    topics = {"odom" if odom else "tf": [carried], "tf": objects if odom else [carried, *objects]}
     return write_bag(path, topics)
 
 
@@ -132,6 +145,20 @@ def test_what_does_not_slip_has_a_lowest_friction(tmp_path: Path) -> None:
     assert found.effects[0].name == "friction"
     assert found.effects[0].bound == "at least"
     assert 0.3 < found.effects[0].value <= 0.55
+
+
+def test_an_object_that_stands_beside_one_that_slips_has_a_bound(tmp_path: Path) -> None:
+    """The box slips as declared. What should have slipped before it did not: how much more it holds is not seen."""
+    _, acceleration = drive(4.0)
+    declared = scene()
+    other = replace(declared.objects[1], id="other", pose=Pose(np.eye(3), np.array([-0.3, 0.0, 0.03])))
+    declared = declared.with_object(other, pairs=[FrictionPair(("tray", "other"), 0.15)])
+    bag = record(tmp_path / "run.mcap", acceleration, slid(acceleration, FRICTION), still=("other",))
+    found = examined(bag, declared)
+    assert found.seen[0].object == "box"
+    assert set(found.effects[0].objects) == {"tray", "other"}
+    assert (found.effects[0].name, found.effects[0].bound) == ("friction", "at least")
+    assert "at least" in found.effects[0].sentence
 
 
 def test_outliers_are_no_motion(tmp_path: Path) -> None:
