@@ -18,7 +18,7 @@ from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
 from poise.placement import CancelledError, Options, PackingOptions, Upright
-from poise.placement.packing import Packing, find_container, pack
+from poise.placement.packing import Packing, container, encloses, find_container, pack
 from poise.worlds import save_scene
 
 TOUCHING = PackingOptions(gap=0.0)
@@ -145,6 +145,38 @@ def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides():
     assert found.top == pytest.approx(0.07)
     turned = yaw.T @ found.placements[0].pose.rotation
     assert sorted(np.abs(turned).ravel()) == pytest.approx([0] * 6 + [1] * 3, abs=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.8, 3.0])
+@pytest.mark.parametrize("bottom", [True, False])
+def test_a_tote_on_a_turned_table_is_packed_along_its_walls(side, bottom):
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(30))
+    table = box("table", (side, side, 0.1), (0, 0, -0.05))
+    parts = [item for item in totes.tote((0.4, 0.3, 0.2)).objects[1:] if bottom or item.id != "bottom"]
+    move = np.array([0.6, 0.3, 0.0 if bottom else -0.01])
+    bodies = [
+        RigidObject("table", table.shape, Pose(turn, turn @ table.pose.translation), fixed=True),
+        *(
+            RigidObject(part.id, part.shape, Pose(np.eye(3), part.pose.translation + move), fixed=True)
+            for part in parts
+        ),
+    ]
+    found = find_container(Assembly(tuple(bodies), friction=0.5), None, None)
+    assert np.sort(found.high - found.low) == pytest.approx([0.3, 0.4], abs=1e-6)
+    middle = found.axes.T @ [*(found.low + found.high) / 2, 0.0]
+    assert middle[:2] == pytest.approx([0.6, 0.3], abs=1e-6)
+    assert {"left", "right", "front", "back"} <= set(found.names)
+
+
+def test_pillars_enclose_nothing_and_are_not_searched_one_by_one(monkeypatch):
+    searched = []
+    search = container._enclosed
+    monkeypatch.setattr(container, "_enclosed", lambda *given: searched.append(given) or search(*given))
+    floor = totes.tote().objects[0]
+    pillars = [box(f"pillar_{k}", (0.05, 0.05, 0.3), (0.2 * (k % 4), 0.2 * (k // 4), 0.15)) for k in range(16)]
+    fixed = [RigidObject(item.id, item.shape, item.pose, fixed=True) for item in pillars]
+    assert not encloses(Assembly((floor, *fixed), friction=0.5))
+    assert len(searched) == 2
 
 
 def pallet() -> Assembly:

@@ -19,6 +19,14 @@ _SHALLOW = 5e-3
 """m: what is enclosed less deeply is no container."""
 _LEVELS = 24
 """Heights of rims that are looked at."""
+_NEXT = 5e-3
+"""m between a body and walls next to it, at most."""
+_WALLS = 3
+"""Convex walls around a room, at least."""
+_MARGIN = 4
+"""Cells beside a room that is looked at again."""
+_CHOICES = 6
+"""Directions of walls that are looked at, at most."""
 _SECOND = 0.5
 """Volume, relative to the largest enclosed room, of another that makes the choice unclear."""
 
@@ -90,12 +98,9 @@ def find_container(assembly: Assembly, into: str | None, height: float | None) -
     axes = _axes(up, body)
     found = _enclosed(fixed, axes, body)
     if found is None and body is None:  # thin walls are seen on a grid of their own only
-        body = next((item for item in fixed if _enclosed(fixed, axes, item) is not None), None)
-    elif found is not None and body is None:
-        body = _below(fixed, axes, found)
-    if body is not None:
-        axes = _axes(up, body)
-        found = _enclosed(fixed, axes, body) or found
+        found, axes, body = _over_one(fixed, up) or (None, axes, None)
+    if found is not None:
+        found, axes = _along_walls(fixed, up, axes, found)
     if found is None:
         if body is None and len(fixed) != 1:
             raise InputError(
@@ -104,7 +109,32 @@ def find_container(assembly: Assembly, into: str | None, height: float | None) -
                 "name the fixed body to pack onto (into)",
             )
         return _on_top(body or fixed[0], fixed, axes, height)
-    return _inside(fixed, axes, *found, height)
+    return _inside(fixed, axes, found, height)
+
+
+def _over_one(fixed: Sequence[RigidObject], up: Array) -> "tuple[_Room, Array, RigidObject] | None":
+    """A room over a single body, with the body's axes."""
+    for item in fixed:
+        if _may_hold(item, fixed, up):
+            axes = _axes(up, item)
+            found = _enclosed(fixed, axes, item)
+            if found is not None:
+                return found, axes, item
+    return None
+
+
+def _may_hold(item: RigidObject, fixed: Sequence[RigidObject], up: Array) -> bool:
+    """Whether a body may carry a room: it has walls of its own, or others rise over its top, on it or next to it."""
+    if not item.shape.polyhedron.convex:
+        return True
+    own = item.vertices
+    rising = 0
+    for other in fixed:
+        corners = other.vertices
+        near = np.all((corners.min(axis=0) < own.max(axis=0) + _NEXT) & (corners.max(axis=0) > own.min(axis=0) - _NEXT))
+        if other is not item and near and np.max(corners @ up) > np.max(own @ up) + _SHALLOW:
+            rising += 1 if other.shape.polyhedron.convex else _WALLS
+    return rising >= _WALLS
 
 
 def encloses(assembly: Assembly) -> bool:
@@ -136,22 +166,49 @@ def _axes(up: Array, body: RigidObject | None) -> Array:
     return np.stack([first, np.cross(up, first), up])
 
 
-_Enclosed = tuple[Mask, float, Array, float]
-"""Cells of a room, the height of its rim, the corner of the grid and the size of a cell, m."""
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """A part of the ground that is enclosed.
+
+    Args:
+        mask: cells of it.
+        rim: m, height of its walls.
+        origin: (2,) m, corner of the grid.
+        cell: m.
+    """
+
+    mask: Mask
+    rim: float
+    origin: Array
+    cell: float
+
+    @cached_property
+    def sides(self) -> Array:
+        """(2, 2) m, its lowest and highest corner."""
+        rows = np.argwhere(self.mask)
+        return np.stack([self.origin + self.cell * rows.min(axis=0), self.origin + self.cell * (rows.max(axis=0) + 1)])
+
+    @property
+    def fill(self) -> float:
+        """Its area relative to that of the rectangle around it."""
+        return float(np.sum(self.mask)) * self.cell**2 / float(np.prod(np.ptp(self.sides, axis=0)))
+
+    @property
+    def corners(self) -> Array:
+        """(N, 2) m, middles of its cells."""
+        return np.asarray(self.origin + self.cell * (np.argwhere(self.mask) + 0.5))
 
 
-def _enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | None) -> _Enclosed | None:
+def _enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | None) -> _Room | None:
     """The largest room that fixed bodies enclose, or the largest over one of them."""
     if not fixed:
         return None
-    heights, origin, cell = _heights(fixed, axes, fixed if body is None else [body])
+    corners = np.concatenate([item.vertices @ axes.T for item in (fixed if body is None else [body])])
+    heights, origin, cell = _heights(fixed, axes, corners[:, :2].min(axis=0), corners[:, :2].max(axis=0))
     own = np.isfinite(_heights_of(body, axes, origin, heights.shape, cell)) if body is not None else None
-    rooms = []
-    for level, room in _rooms(heights):
-        volume = float(np.sum(level - np.maximum(heights[room], heights[np.isfinite(heights)].min()))) * cell**2
-        over = 1.0 if own is None else float(np.mean(own[room]))
-        if over > _SECOND:
-            rooms.append((volume, level, room))
+    rooms = _sized_rooms(heights, cell)
+    if own is not None:
+        rooms = [found for found in rooms if float(np.mean(own[found[2]])) > _SECOND]
     if not rooms:
         return None
     volume, level, room = max(rooms, key=lambda found: found[0])
@@ -161,7 +218,42 @@ def _enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | Non
             ErrorCode.OBJECT_INVALID,
             f"fixed bodies enclose {1 + len(others)} rooms or more of similar size: name the body to pack into (into)",
         )
-    return room, level, origin, cell
+    return _Room(room, level, origin, cell)
+
+
+def _sized_rooms(heights: Array, cell: float) -> list[tuple[float, float, Mask]]:
+    """Volume, m3, rim and cells of each room."""
+    ground = heights[np.isfinite(heights)].min()
+    return [
+        (float(np.sum(level - np.maximum(heights[room], ground))) * cell**2, level, room)
+        for level, room in _rooms(heights)
+    ]
+
+
+def _along_walls(fixed: Sequence[RigidObject], up: Array, axes: Array, found: _Room) -> tuple[_Room, Array]:
+    """A room on a fine grid along its walls, and these axes: those of the bodies around in which it is most square."""
+    place, reach = found.corners @ axes[:2], found.cell
+    choices = {0.0: axes}
+    for item in fixed:
+        corners = (item.vertices @ axes.T)[:, :2]
+        low, high = found.sides + reach * np.array([[-_MARGIN], [_MARGIN]])
+        if np.all((corners.min(axis=0) < high) & (corners.max(axis=0) > low)):
+            own = _axes(up, item)
+            angle = np.arctan2(own[0] @ axes[1], own[0] @ axes[0]) % (np.pi / 2)
+            choices.setdefault(round(float(angle), 4) % round(np.pi / 2, 4), own)
+    best, along = found, axes
+    for choice in list(choices.values())[:_CHOICES]:
+        flat = place @ choice[:2].T
+        heights, origin, cell = _heights(
+            fixed, choice, flat.min(axis=0) - _MARGIN * reach, flat.max(axis=0) + _MARGIN * reach
+        )
+        rooms = _sized_rooms(heights, cell)
+        if rooms:
+            _, level, mask = max(rooms, key=lambda room: room[0])
+            again = _Room(mask, level, origin, cell)
+            if best is found or again.fill > best.fill + 1e-3:
+                best, along = again, choice
+    return best, along
 
 
 def _rooms(heights: Array) -> Iterator[tuple[float, Mask]]:
@@ -178,10 +270,9 @@ def _rooms(heights: Array) -> Iterator[tuple[float, Mask]]:
                 yield float(level), room
 
 
-def _heights(fixed: Sequence[RigidObject], axes: Array, around: Sequence[RigidObject]) -> tuple[Array, Array, float]:
-    """Greatest height of bodies on a grid around some of them, its corner and its cell."""
-    corners = np.concatenate([item.vertices @ axes.T for item in around])
-    low, size = corners.min(axis=0)[:2], np.ptp(corners, axis=0)[:2]
+def _heights(fixed: Sequence[RigidObject], axes: Array, low: Array, high: Array) -> tuple[Array, Array, float]:
+    """Greatest height of bodies on a grid over a rectangle, with its corner and its cell."""
+    size = high - low
     cell = float(size.max()) / _CELLS
     count = np.ceil(size / cell - 1e-9).astype(int) + 2
     origin = low - cell
@@ -202,18 +293,9 @@ def _heights_of(item: RigidObject, axes: Array, origin: Array, count: tuple[int,
     return heights
 
 
-def _below(fixed: Sequence[RigidObject], axes: Array, found: _Enclosed) -> RigidObject:
-    """The body that carries most of a room."""
-    room, _, origin, cell = found
-    maps = np.array([_heights_of(item, axes, origin, room.shape, cell)[room] for item in fixed])
-    return fixed[int(np.bincount(maps.argmax(axis=0), minlength=len(fixed)).argmax())]
-
-
-def _inside(
-    fixed: Sequence[RigidObject], axes: Array, room: Mask, rim: float, origin: Array, cell: float, height: float | None
-) -> Container:
-    rows = np.argwhere(room)
-    low, high = origin + cell * (rows.min(axis=0) - 1), origin + cell * (rows.max(axis=0) + 2)
+def _inside(fixed: Sequence[RigidObject], axes: Array, room: _Room, height: float | None) -> Container:
+    rim, cell = room.rim, room.cell
+    low, high = room.sides + cell * np.array([[-1], [1]])
     covers = [_cover(item, axes, low, high) for item in fixed]
     cover = Cover.joined(covers)
     walls = cover.high[:, 2] >= rim - 1e-5
