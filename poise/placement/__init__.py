@@ -21,11 +21,11 @@ from poise.placement.planner import (
     PlacementProgress,
     plan_placement,
 )
-from poise.placement.refusals import no_placement
+from poise.placement.refusals import cause_of, no_placement
 from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
 from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
 from poise.placement.sequence import PlacementSequence, plan_sequence
-from poise.placement.steadiness import Steady, tipping_rise
+from poise.placement.steadiness import Steady, rise_to_tip, tipping_rise
 from poise.placement.uncertainty import Uncertainty
 from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, kept_free, require_new
 
@@ -51,11 +51,13 @@ __all__ = [
     "Uncertainty",
     "Upright",
     "Validator",
+    "cause_of",
     "evaluate",
     "kept_free",
     "no_placement",
     "plan_placement",
     "plan_sequence",
     "require_new",
+    "rise_to_tip",
     "tipping_rise",
 ]

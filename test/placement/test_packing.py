@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from itertools import count
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
 from poise.placement import CancelledError, Options, PackingOptions, Upright
-from poise.placement.packing import Packing, container, encloses, find_container, pack
+from poise.placement.packing import Packing, container, encloses, find_container, heights_over, pack, turns, turns_of
 from poise.worlds import save_scene
 
 TOUCHING = PackingOptions(gap=0.0)
@@ -110,6 +111,100 @@ def test_a_can_that_may_not_stand_would_roll():
     with pytest.raises(NoAnswerError, match="roll") as error:
         pack(totes.tote(), [can], Options(looks=[("turned", Upright(("x",)))]))
     assert error.value.data["refused"] == {"can": "would_roll"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "axes", "cause"),
+    [
+        ({"box": [0.1, 0.08, 0.05]}, ("x",), None),
+        ({"box": [0.1, 0.08, 0.05], "up": 45}, ("x",), "orientation"),
+        ({"cylinder": [0.03, 0.1]}, ("x",), "would_roll"),
+        ({"sphere": 0.04}, (), "would_roll"),
+        ({"box": [0.1, 0.08, 0.05], "com": [0.0499, 0, 0]}, ("z",), "would_tip"),
+    ],
+)
+def test_causes_are_those_of_a_single_placement(entry, axes, cause):
+    turned = rotation_about(np.array([0.0, 1.0, 0.0]), np.radians(entry.pop("up", 0)))
+    item = read_object({"id": "item", "mass": 0.3, **entry})
+    if cause == "orientation":
+        mesh = item.shape.polyhedron
+        item = RigidObject("item", Mesh(mesh.vertices @ turned.T, mesh.triangles), item.pose, mass=0.3)
+    options = Options(looks=[("turned", Upright(axes))])
+    if cause is None:
+        assert len(pack(totes.tote(), [item], options).placements) == 1
+        return
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), [item], options)
+    assert error.value.data["refused"] == {"item": cause}
+
+
+def test_what_the_certificates_reject_has_their_cause():
+    tests = [("leaves no room for the hand", lambda analysis, item: item.id != "box_1")]
+    with pytest.raises(NoAnswerError, match="the hand") as error:
+        pack(totes.tote(), cubes(3), Options(tests=tests, attempts=4), orders=2)
+    assert error.value.data["refused"] == {"box_1": "no_room_for_hand"}
+    assert error.value.data["left"] == ["box_1"]
+
+
+def test_each_object_has_its_attempts():
+    """The first object fails in each of its attempts; the second and the third need a few of their own."""
+    asked: Counter[str] = Counter()
+
+    def test(analysis, item):
+        asked[item.id] += 1
+        return item.id != "box_0" and asked[item.id] > 2
+
+    sizes = ((0.12,) * 3, (0.1,) * 3, (0.08,) * 3)
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), boxes(*sizes), Options(tests=[("never", test)], attempts=3), orders=1)
+    assert asked == {"box_0": 3, "box_1": 3, "box_2": 3}
+    assert error.value.data["left"] == ["box_0"]
+
+
+def ring(number: int, radius: float, height: float) -> Mesh:
+    """A prism of many sides."""
+    angle = 2 * np.pi * np.arange(number) / number
+    round_ = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    vertices = np.vstack([np.column_stack([round_, np.full(number, z)]) for z in (0.0, height)])
+    k = np.arange(number)
+    after = (k + 1) % number
+    sides = np.vstack([np.column_stack([k, after, number + after]), np.column_stack([k, number + after, number + k])])
+    fan = np.column_stack([np.zeros(number - 2, int), k[1:-1], k[2:]])
+    return Mesh(vertices, np.vstack([sides, fan[:, ::-1], fan + number]))
+
+
+@pytest.mark.parametrize("sides", [12, 48])
+def test_a_mesh_of_a_can_stands_on_its_ends(sides):
+    can = RigidObject("can", ring(sides, 0.05, 0.05), Pose(np.eye(3), np.zeros(3)), mass=0.3)
+    turns, _ = turns_of(can, 1e-3)
+    assert turns
+    assert all(abs(turned.pose.rotation[2, 2]) > 0.99 for turned in turns)
+
+
+def test_a_fine_mesh_is_looked_at_within_the_deadline(monkeypatch):
+    covered = []
+    cover = turns.cover_of
+    monkeypatch.setattr(turns, "cover_of", lambda *given: covered.append(given) or cover(*given))
+    monkeypatch.setattr("poise.placement.packing.job.time", SimpleNamespace(monotonic=count().__next__))
+    can = RigidObject("can", ring(48, 0.05, 0.05), Pose(np.eye(3), np.zeros(3)), mass=0.3)
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), [can], Options(deadline=3.0))
+    assert error.value.code is ErrorCode.DEADLINE
+    assert not covered
+
+
+def test_heights_of_many_small_triangles_are_those_of_the_flat_they_make():
+    side = 60
+    x, y = np.meshgrid(np.linspace(0, 1, side + 1), np.linspace(0, 1, side + 1), indexing="ij")
+    vertices = np.column_stack([x.ravel(), y.ravel(), (x + 2 * y).ravel()])
+    number = np.arange((side + 1) ** 2).reshape(side + 1, side + 1)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    triangles = np.vstack([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    surface = SimpleNamespace(triangles=triangles)
+    heights = heights_over(surface, vertices, np.zeros(2), np.array([12, 10]), 0.1)
+    middle = 0.05 + 0.1 * np.arange(10)
+    assert heights[:10] == pytest.approx(middle[:, None] + 2 * middle, abs=1e-9)
+    assert np.all(heights[10:] == -np.inf)
 
 
 def test_a_full_tote_has_no_room():
