@@ -6,11 +6,12 @@
 - `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
 - `Upright`: axes that may point up. `KeptFree`: a region that must stay empty.
 - `Uncertainty`: placements that survive errors of pose, mass and friction.
-- `Steady`: placements from which the object does not tip easily.
+- `Steady`, `rise_to_tip`: placements from which the object does not tip easily. `steady_faces`: what it stands on.
+- `cause_of`, `no_placement`: why there is no placement.
 - `Validator`, `ContactFeatures`: shared by planners: tests of a pose, and features that an object can rest on.
 """
 
-from poise.placement.features import ContactFeatures
+from poise.placement.features import ContactFeatures, steady_faces
 from poise.placement.orientation import TURNED, Upright
 from poise.placement.planner import (
     SUPPORT_KINDS,
@@ -59,5 +60,6 @@ __all__ = [
     "plan_sequence",
     "require_new",
     "rise_to_tip",
+    "steady_faces",
     "tipping_rise",
 ]

@@ -218,6 +218,18 @@ def test_what_is_in_the_tote_stays_where_it_is():
     half = in_tote((0.2, 0.1, 0.2), cubes(1)).analysis
     found = pack(half, [box("more", (0.1, 0.1, 0.1), (0, 0, 0))], Options(packing=TOUCHING))
     assert found.top == pytest.approx(0.1)
+    assert found.utilisation == pytest.approx(1.0)
+    assert found.filled == pytest.approx(0.5)
+
+
+def test_what_was_in_the_tote_and_is_higher_is_the_top_of_the_load():
+    half = in_tote((0.2, 0.1, 0.2), boxes((0.1, 0.1, 0.1))).analysis
+    beside = box("beside", (0.1, 0.1, 0.1), (0.5, 0.5, 0.05))
+    scene = half.with_object(beside)
+    found = pack(scene, [box("more", (0.1, 0.1, 0.05), (0, 0, 0))], Options(packing=TOUCHING))
+    assert found.top == pytest.approx(0.1)
+    assert found.volume == pytest.approx(1.5e-3)
+    assert found.utilisation == pytest.approx(0.75)
 
 
 @pytest.mark.parametrize("axes", [("x",), ("-z", "y"), ("z",)])
@@ -382,6 +394,13 @@ def test_the_command_packs_several_objects_into_a_tote(command):
     assert "utilisation" in printed
 
 
+def test_options_that_compare_placements_are_kept(command):
+    status, answer, _ = command(*ITEMS[:4], "--criterion", "least", "--candidates", "1")
+    assert status == 0
+    assert len(answer["placements"]) == 2
+    assert "container" not in answer
+
+
 def test_an_entry_says_which_of_its_axes_may_point_up(command):
     standing = "{id: tall, box: [0.1, 0.08, 0.15], mass: 0.1, up: [z, -z]}"
     status, answer, _ = command(*ITEMS[:2], "--object", standing, "--orders", "3")
@@ -397,6 +416,8 @@ def test_an_entry_says_which_of_its_axes_may_point_up(command):
         (["--gap", "-1"], 2, "gap"),
         (["--height", "0.1", "--planner", "poise"], 2, "--planner packing"),
         (["--into", "b0"], 2, "b0"),
+        (["--criterion", "median", "--planner", "packing"], 2, "--criterion"),
+        (["--refine", "--candidates", "3", "--height", "0.1"], 2, "--candidates, --refine"),
         (["--axes", "z,w"], 2, "'w'"),
         (["--axes", "z", "--upright"], 2, "one of them"),
         (["--object", "{id: x, box: [0.1, 0.1, 0.1], mass: 1, up: 3}"], 2, "up is 3"),

@@ -74,6 +74,13 @@ class Container:
             ground[inside] = np.maximum(ground[inside], high[2])
         return np.outer(*(np.diff(edge) for edge in edges)), ground
 
+    def holds(self, item: RigidObject) -> bool:
+        """Whether an object is over its ground."""
+        corners = item.vertices @ self.axes.T
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        middle = (low + high)[:2] / 2
+        return bool(np.all((middle > self.low) & (middle < self.high)) and low[2] > self.floor - _SHALLOW)
+
     def volume(self, top: float) -> float:
         """m3 of the room below a height, m."""
         areas, ground = self._ground

@@ -68,8 +68,8 @@ class Packing(PlacementSequence):
 
     Args:
         container: what was packed.
-        top: m, of the load over the container's floor.
-        volume: m3, of the packed objects.
+        top: m, of the load over the container's floor; what was in it before is part of the load.
+        volume: m3, of the load.
         margin: N, the least of the stability margins after each object (`Analysis.stability`).
     """
 
@@ -80,7 +80,7 @@ class Packing(PlacementSequence):
 
     @property
     def utilisation(self) -> float:
-        """Volume of the packed objects relative to that of the container up to the top of the load."""
+        """Volume of the load relative to that of the container up to the top of the load."""
         return self.volume / self.container.volume(self.container.floor + self.top)
 
     @property
@@ -169,6 +169,7 @@ class _Job:
         self._container = find_container(analysis.assembly, options.packing.into, options.packing.height)
         axes, loaded = self._container.axes, [item for item in analysis.assembly.objects if not item.fixed]
         covers = [cover_of(item.shape.polyhedron, item.vertices @ axes.T) for item in loaded]
+        self._before = [item for item in loaded if self._container.holds(item)]
         self._loaded = Cover.joined([Cover(np.zeros((0, 3)), np.zeros((0, 3))), *covers])
         self._turns: dict[str, list[Turned]] = {}
         self._impossible: dict[str, str] = {}
@@ -193,8 +194,10 @@ class _Job:
         best = found[0]
         if best.arrangement.left:
             raise self._refusal(list(best.arrangement.placed), best.arrangement.left)
-        volume = sum(item.shape.volume for item in self._items)
-        top = best.arrangement.top - self._container.floor
+        volume = sum(item.shape.volume for item in (*self._before, *self._items))
+        up = self._container.axes[2]
+        top = max([best.arrangement.top, *(float(np.max(item.vertices @ up)) for item in self._before)])
+        top -= self._container.floor
         seconds = time.monotonic() - self._start
         return Packing(tuple(best.placements), seconds, self._container, top, volume, best.margin)
 

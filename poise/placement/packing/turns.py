@@ -11,7 +11,7 @@ from poise.assembly import RigidObject
 from poise.assembly.contact.facet_curves import facet_curve
 from poise.assembly.scene import Polyhedron
 from poise.geometry import Pose, rotation_about, rotation_between
-from poise.placement import ContactFeatures, rise_to_tip
+from poise.placement import rise_to_tip, steady_faces
 from poise.placement.packing.cover import Cover, cover_of
 from poise.types import Array
 
@@ -73,14 +73,13 @@ def turns_of(
     com = np.asarray(item.shape.centroid if item.com is None else item.com)
     found: dict[bytes, Turned] = {}
     flat, causes = 0, {"not_stable"}
-    normals = [face.normal for face in ContactFeatures.of(item.shape, item.com).faces if face.steady]
-    for normal in normals[:_LOOKED_AT]:
+    for face in steady_faces(item.shape, com)[:_LOOKED_AT]:
         in_time()
-        down = rotation_between(normal, -_UP)
+        down = rotation_between(face.normal, -_UP)
         if not allowed(down):
             causes.add("orientation")
             continue
-        if _is_round(polyhedron, normal):
+        if _is_round(polyhedron, face.normal):
             causes.add("would_roll")
             continue
         corners = polyhedron.vertices @ down.T
