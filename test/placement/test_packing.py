@@ -241,10 +241,14 @@ def test_only_allowed_axes_point_up(axes):
         assert named in axes
 
 
-def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides():
+@pytest.mark.parametrize("own", [0.4, 0.0, -0.2])
+def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides(own):
+    """Also when the sides are oblique to the frame of the mesh."""
     cells = [(0, 0, 0, 8, 8, 1), (0, 0, 1, 1, 8, 4), (7, 0, 1, 8, 8, 4), (1, 0, 1, 7, 1, 4), (1, 7, 1, 7, 8, 4)]
-    yaw = rotation_about(np.array([0.0, 0.0, 1.0]), 0.4)
-    tote = RigidObject("tote", of_cells(tuple(cells)), Pose(yaw, np.array([0.3, 0.1, 0.0])), fixed=True)
+    z = np.array([0.0, 0.0, 1.0])
+    yaw, frame, mesh = rotation_about(z, 0.4), rotation_about(z, own), of_cells(tuple(cells))
+    turned_mesh = Mesh(mesh.vertices @ (frame.T @ yaw).T, mesh.triangles)
+    tote = RigidObject("tote", turned_mesh, Pose(frame, np.array([0.3, 0.1, 0.0])), fixed=True)
     floor = totes.tote().objects[0]
     found = pack(Assembly((floor, tote), friction=0.5), cubes(4, 0.07), Options())
     assert found.container.names == ("tote",)

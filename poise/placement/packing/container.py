@@ -25,6 +25,8 @@ _WALLS = 3
 """Convex walls around a room, at least."""
 _MARGIN = 4
 """Cells beside a room that is looked at again."""
+_STEEP = 0.3
+"""Cosine between the normal of a wall and up, at most."""
 _CHOICES = 6
 """Directions of walls that are looked at, at most."""
 _SECOND = 0.5
@@ -173,6 +175,23 @@ def _axes(up: Array, body: RigidObject | None) -> Array:
     return np.stack([first, np.cross(up, first), up])
 
 
+def _wall_axes(item: RigidObject, up: Array) -> Array:
+    """Axes across the largest of a body's walls, and up; along its sides when it has none."""
+    a, b, c = (item.vertices[item.shape.polyhedron.triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    walls = (np.abs(normals @ up) < _STEEP * areas) & (areas > 0)
+    if not np.any(walls):
+        return _axes(up, item)
+    across = normals[walls] - np.outer(normals[walls] @ up, up)
+    axes = plane_axes(up)
+    angles = np.arctan2(across @ axes[1], across @ axes[0]) % (np.pi / 2)
+    kinds, of = np.unique(np.round(angles, 4) % round(np.pi / 2, 4), return_inverse=True)
+    largest = of == np.bincount(of, areas[walls], len(kinds)).argmax()
+    first = unit(across[np.flatnonzero(largest)[0]])
+    return np.stack([first, np.cross(up, first), up])
+
+
 @dataclass(frozen=True, eq=False)
 class _Room:
     """A part of the ground that is enclosed.
@@ -245,7 +264,7 @@ def _along_walls(fixed: Sequence[RigidObject], up: Array, axes: Array, found: _R
         corners = (item.vertices @ axes.T)[:, :2]
         low, high = found.sides + reach * np.array([[-_MARGIN], [_MARGIN]])
         if np.all((corners.min(axis=0) < high) & (corners.max(axis=0) > low)):
-            own = _axes(up, item)
+            own = _wall_axes(item, up)
             angle = np.arctan2(own[0] @ axes[1], own[0] @ axes[0]) % (np.pi / 2)
             choices.setdefault(round(float(angle), 4) % round(np.pi / 2, 4), own)
     best, along = found, axes
