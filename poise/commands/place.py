@@ -165,8 +165,7 @@ def place(
     packing = PackingOptions(into, height, PackingOptions.gap if gap is None else gap)
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, deadline, candidates, criterion, on, "limit", uncertainty, (), refining, looks, packing)
-    packs = (into, height, gap) != (None, None, None)
-    chosen = _planner(planner, analysis, items, packs, _given(context))
+    chosen = _planner(planner, analysis, items, (into, height, gap) != (None, None, None), _given(context))
     people = console(json_target)
     try:
         with watching(people, attempts) as report:

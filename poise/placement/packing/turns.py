@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from poise.assembly import RigidObject
-from poise.assembly.contact.facet_curves import facet_curve
+from poise.assembly.contact import facet_curve
 from poise.assembly.scene import Polyhedron
 from poise.geometry import Pose, rotation_about, rotation_between
 from poise.placement import rise_to_tip, steady_faces
@@ -20,7 +20,7 @@ _FACES = 8
 _LOOKED_AT = 200
 """Faces that are looked at for these."""
 _CAUSES = ("not_stable", "orientation", "would_roll", "would_tip")
-"""Why a face is none of these: that of the last test tells most."""
+"""Causes for which a face is left out, in the order of the tests."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
