@@ -11,7 +11,7 @@ from poise.assembly import Assembly, Mesh, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_about
 from poise.placement import Options, PackingOptions
-from poise.placement.packing import container, encloses, find_container, heights_over, pack
+from poise.placement.packing import encloses, find_container, heights_over, pack, rooms
 
 
 def boxes(*sizes: tuple[float, float, float]) -> list[RigidObject]:
@@ -76,8 +76,8 @@ def test_a_tote_on_a_turned_table_is_packed_along_its_walls(side, bottom):
 
 def test_pillars_enclose_nothing_and_are_not_searched_one_by_one(monkeypatch):
     searched = []
-    search = container._enclosed
-    monkeypatch.setattr(container, "_enclosed", lambda *given: searched.append(given) or search(*given))
+    search = rooms._heights
+    monkeypatch.setattr(rooms, "_heights", lambda *given: searched.append(given) or search(*given))
     floor = totes.tote().objects[0]
     pillars = [box(f"pillar_{k}", (0.05, 0.05, 0.3), (0.2 * (k % 4), 0.2 * (k // 4), 0.15)) for k in range(16)]
     fixed = [RigidObject(item.id, item.shape, item.pose, fixed=True) for item in pillars]
