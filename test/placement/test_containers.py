@@ -136,3 +136,19 @@ def test_two_totes_are_not_chosen_from():
     with pytest.raises(InputError, match="name the body"):
         find_container(scene, None, None)
     assert find_container(scene, "bottom_2", None).low == pytest.approx([0.4, -0.15])
+
+
+def test_two_totes_with_thin_walls_are_not_chosen_from():
+    """On a floor so large that only the grid over each tote sees its walls."""
+    floor = box("floor", (20.0, 20.0, 0.1), (0, 0, -0.05))
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), 0.5)
+    bodies = [RigidObject("floor", floor.shape, floor.pose, fixed=True)]
+    for name, x in (("a", 0.0), ("b", 2.0)):
+        for part in totes.tote((0.3, 0.2, 0.2)).objects[1:]:
+            pose = Pose(turn, turn @ part.pose.translation + np.array([x, 0.0, 0.0]))
+            bodies.append(RigidObject(f"{part.id}_{name}", part.shape, pose, fixed=True))
+    with pytest.raises(InputError, match="name the body"):
+        find_container(Assembly(tuple(bodies), friction=0.5), None, None)
+    single = Assembly(tuple(body for body in bodies if not body.id.endswith("_b")), friction=0.5)
+    found = find_container(single, None, None)
+    assert found.high - found.low == pytest.approx([0.3, 0.2], abs=1e-6)

@@ -42,12 +42,14 @@ class Room:
         rim: m, height of its walls.
         origin: (2,) m, corner of the grid.
         cell: m.
+        volume: m3.
     """
 
     mask: Mask
     rim: float
     origin: Array
     cell: float
+    volume: float
 
     @cached_property
     def sides(self) -> Array:
@@ -81,22 +83,36 @@ def enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | None
     volume, level, room = max(rooms, key=lambda found: found[0])
     others = [found for found in rooms if found[0] > _SECOND * volume and not np.any(found[2] & room)]
     if others:
-        raise InputError(
-            ErrorCode.OBJECT_INVALID,
-            f"fixed bodies enclose {1 + len(others)} rooms or more of similar size: name the body to pack into (into)",
-        )
-    return Room(room, level, origin, cell)
+        raise _unclear(1 + len(others))
+    return Room(room, level, origin, cell, volume)
 
 
-def over_one(fixed: Sequence[RigidObject], up: Array) -> "tuple[Room, Array, RigidObject] | None":
-    """A room over a single body, with the body's axes."""
+def over_one(fixed: Sequence[RigidObject], up: Array) -> tuple[Room, Array, RigidObject] | None:
+    """The largest room over a single body, with the body's axes."""
+    rooms = []
     for item in fixed:
         if _may_hold(item, fixed, up):
             axes = level_axes(up, item)
             found = enclosed(fixed, axes, item)
             if found is not None:
-                return found, axes, item
-    return None
+                rooms.append((found, axes, item))
+    if not rooms:
+        return None
+    best = max(rooms, key=lambda room: room[0].volume)
+    middles = [found.corners.mean(axis=0) @ axes[:2] for found, axes, _ in rooms]
+    middle, reach = best[0].corners.mean(axis=0) @ best[1][:2], np.ptp(best[0].sides, axis=0).min() / 2
+    similar = [found.volume > _SECOND * best[0].volume for found, _, _ in rooms]
+    apart = [bool(np.linalg.norm(other - middle) > reach) for other in middles]
+    if others := sum(s and a for s, a in zip(similar, apart, strict=True)):
+        raise _unclear(1 + others)
+    return best
+
+
+def _unclear(count: int) -> InputError:
+    return InputError(
+        ErrorCode.OBJECT_INVALID,
+        f"fixed bodies enclose {count} rooms or more of similar size: name the body to pack into (into)",
+    )
 
 
 def _may_hold(item: RigidObject, fixed: Sequence[RigidObject], up: Array) -> bool:
@@ -132,8 +148,8 @@ def along_walls(fixed: Sequence[RigidObject], up: Array, axes: Array, found: Roo
         )
         rooms = _sized_rooms(heights, cell)
         if rooms:
-            _, level, mask = max(rooms, key=lambda room: room[0])
-            again = Room(mask, level, origin, cell)
+            volume, level, mask = max(rooms, key=lambda room: room[0])
+            again = Room(mask, level, origin, cell, volume)
             if best is found or again.fill > best.fill + 1e-3:
                 best, along = again, choice
     return best, along
