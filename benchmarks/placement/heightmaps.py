@@ -31,7 +31,7 @@ def pack_on_heightmap(rival: str, container: Container, items: Sequence[RigidObj
     placed = []
     for item in sorted(items, key=lambda item: -float(np.prod(np.ptp(item.shape.polyhedron.vertices, axis=0)))):
         best: tuple[tuple[float, ...], Array, Pose, Array, tuple[int, int]] | None = None
-        for turned in turns_of(item, lambda corners, com: True, lambda rotation: True):
+        for turned in turns_of(item, -np.inf)[0]:
             found = _best(rival, ground, item, turned)
             if found is not None and (best is None or found[0] < best[0]):
                 best = found

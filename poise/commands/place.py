@@ -40,6 +40,8 @@ from poise.worlds import save_scene
 
 _MOST_BYTES = 1_000_000
 _PACKING = "packing"
+_SCORING = {"candidates": "--candidates", "criterion": "--criterion", "refining": "--refine"}
+"""Options that compare placements; packing takes the lowest load."""
 UpAxes = dict[str, list[str]]
 """Axes that may point up, by the id of an object."""
 
@@ -126,6 +128,7 @@ OutputOption = Annotated[
 
 
 def place(
+    context: typer.Context,
     scene: SceneArgument,
     specs: SpecsOption,
     seed: PlacementSeedOption = 0,
@@ -162,7 +165,7 @@ def place(
     packing = PackingOptions(into, height, PackingOptions.gap if gap is None else gap)
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, deadline, candidates, criterion, on, "limit", uncertainty, (), refining, looks, packing)
-    chosen = _planner(planner, analysis, items, packs=(into, height, gap) != (None, None, None))
+    chosen = _planner(planner, analysis, items, (into, height, gap) != (None, None, None), _given(context))
     people = console(json_target)
     try:
         with watching(people, attempts) as report:
@@ -190,10 +193,33 @@ def _plan(
     return chosen.plan(analysis, items[0], options, seed, report)
 
 
-def _planner(name: str | None, analysis: Analysis, items: list[RigidObject], packs: bool) -> PlacementPlanner:
-    """The planner that was named, or that suits: several objects are packed where there is a room with walls."""
+def _given(context: typer.Context) -> list[str]:
+    """The options of `_SCORING` on the command line."""
+    sources = {flag: context.get_parameter_source(name) for name, flag in _SCORING.items()}
+    return [flag for flag, source in sources.items() if source is not None and source.name == "COMMANDLINE"]
+
+
+def _planner(
+    name: str | None, analysis: Analysis, items: list[RigidObject], packs: bool, scoring: list[str]
+) -> PlacementPlanner:
+    """The planner that was named, or that suits: several objects are packed where there is a room with walls.
+
+    Args:
+        name: None: found.
+        analysis: of the scene.
+        items: to place.
+        packs: an option for packing is given.
+        scoring: options that are given of those which compare placements.
+    """
     if name is None:
-        name = _PACKING if packs or (len(items) > 1 and encloses(analysis.assembly)) else DEFAULT_PLANNER
+        suits = packs or (len(items) > 1 and not scoring and encloses(analysis.assembly))
+        name = _PACKING if suits else DEFAULT_PLANNER
+    if name == _PACKING and scoring:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"{', '.join(scoring)}: packing takes the lowest load; leave this out, or place by --planner "
+            f"{DEFAULT_PLANNER} without --into, --height and --gap",
+        )
     chosen = PLACEMENT_PLANNERS.find(name)
     if packs and name != _PACKING:
         raise InputError(ErrorCode.BAD_INPUT, f"--into, --height and --gap need --planner {_PACKING}, not {name}")

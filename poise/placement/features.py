@@ -98,10 +98,20 @@ class ContactFeatures:
         polyhedron = shape.polyhedron
         middle = np.asarray(shape.centroid if com is None else com)
         faces = _faces(polyhedron, middle, steady=False) if not polyhedron.convex else []
-        hull = _hull(polyhedron)
-        faces += _faces(hull, middle, steady=True)
+        faces += _faces(_hull(polyhedron), middle, steady=True)
         faces.sort(key=lambda face: (not face.steady, -face.area))
         return cls(tuple(faces), tuple(convex_edges(polyhedron)), middle)
+
+
+def steady_faces(shape: Shape, com: Array) -> list[Face]:
+    """The faces of an object's hull that it stands on, the large ones first.
+
+    Args:
+        shape: in the object frame.
+        com: (3,) m.
+    """
+    faces = [face for face in _faces(_hull(shape.polyhedron), com, steady=True) if face.steady]
+    return sorted(faces, key=lambda face: -face.area)
 
 
 def _hull(polyhedron: Polyhedron) -> Polyhedron:

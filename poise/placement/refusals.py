@@ -1,6 +1,7 @@
 """Why there is no placement: the counts of rejected poses, and the cause that a program can read."""
 
 from collections import Counter
+from collections.abc import Mapping
 
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, NoAnswerError
@@ -29,7 +30,7 @@ _NAMED = {
 def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> NoAnswerError:
     """NO_PLACEMENT with how many poses each test rejected; DEADLINE when there was no time for a single pose.
 
-    The `cause` is the test at which the poses that came farthest were rejected.
+    The `cause` is that of `cause_of`.
     """
     if not iterations:
         return NoAnswerError(
@@ -42,11 +43,16 @@ def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> 
         f"no place found for {item.id} in {iterations} poses ({why}); make room, or allow more attempts",
         rejected=counts,
         iterations=iterations,
-        cause=_cause(counts),
+        cause=cause_of(counts),
     )
 
 
-def _cause(counts: dict[str, int]) -> str:
+def cause_of(counts: Mapping[str, int]) -> str:
+    """The cause for a program: the test that rejected the poses which passed most tests.
+
+    Args:
+        counts: of rejected poses, by test, see `Validator`.
+    """
     stages = list(_STAGES)
     last = max(counts, key=lambda name: stages.index(name) if name in stages else len(stages), default=NO_FIT)
     return _STAGES.get(last) or _NAMED.get(last, "condition_not_met")

@@ -1,7 +1,6 @@
 """Whether an object tips easily: a small facet of a scanned mesh may stand for a round side."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -42,14 +41,26 @@ def tipping_rise(analysis: Analysis, item: RigidObject) -> float:
     points = _supports(analysis, analysis.assembly.index[item.id], up)
     if len(points) < 3:
         return 0.0
-    axes, middle = plane_axes(up), item.com_in_world
+    return max(rise_to_tip(points, item.com_in_world, up), 0.0)
+
+
+def rise_to_tip(points: Array, middle: Array, up: Array) -> float:
+    """m by which a centre of mass rises before a body tips over an edge of its support; -1 where it is outside of it.
+
+    Args:
+        points: (N, 3) m, of the support.
+        middle: (3,) m, the centre of mass.
+        up: (3,) unit vector.
+    """
+    axes = plane_axes(up)
     flat = points @ axes.T
     hull = shapely.convex_hull(shapely.multipoints(flat))
-    if not shapely.contains_xy(hull, *(axes @ middle)):
-        return 0.0
+    if hull.geom_type != "Polygon" or not shapely.contains_xy(hull, *(axes @ middle)):
+        return -1.0
     outline = shapely.get_coordinates(hull)
-    corners = points[[int(np.argmin(np.linalg.norm(flat - corner, axis=1))) for corner in outline]]
-    return min(_rise(*edge, middle, up) for edge in pairwise(corners))
+    away = np.linalg.norm(flat - outline[:, None], axis=2)
+    corners = points[away.argmin(axis=1)]
+    return float(_rises(corners[:-1], corners[1:], middle, up).min())
 
 
 def _supports(analysis: Analysis, place: int, up: Array) -> Array:
@@ -63,8 +74,10 @@ def _supports(analysis: Analysis, place: int, up: Array) -> Array:
     return np.concatenate(found) if found else np.zeros((0, 3))
 
 
-def _rise(first: Array, second: Array, middle: Array, up: Array) -> float:
-    """m from a centre of mass to the highest point of its circle about the line through two points, (3,) m each."""
-    along = unit(second - first)
-    lever = middle - first - (middle - first) @ along * along
-    return float(np.linalg.norm(lever) * np.linalg.norm(up - up @ along * along) - lever @ up)
+def _rises(first: Array, second: Array, middle: Array, up: Array) -> Array:
+    """(N,) m from a centre of mass to the highest point of its circle about each line through two points, (N, 3) m."""
+    along = (second - first) / np.linalg.norm(second - first, axis=1, keepdims=True)
+    lever = middle - first
+    lever = lever - np.sum(lever * along, axis=1, keepdims=True) * along
+    across = np.linalg.norm(up - (along @ up)[:, None] * along, axis=1)
+    return np.asarray(np.linalg.norm(lever, axis=1) * across - lever @ up)

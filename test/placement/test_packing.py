@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from itertools import count
 from types import SimpleNamespace
@@ -11,14 +12,14 @@ import pytest
 
 from benchmarks.placement import packing as benchmark
 from benchmarks.placement import totes
-from benchmarks.placement.scenes import box, of_cells
-from poise.assembly import Assembly, Mesh, RigidObject
+from benchmarks.placement.scenes import box
+from poise.assembly import Mesh, RigidObject
 from poise.assembly.scene.scene_files import read_object
 from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
 from poise.placement import CancelledError, Options, PackingOptions, Upright
-from poise.placement.packing import Packing, find_container, pack
+from poise.placement.packing import Packing, pack, turns, turns_of
 from poise.worlds import save_scene
 
 TOUCHING = PackingOptions(gap=0.0)
@@ -112,6 +113,86 @@ def test_a_can_that_may_not_stand_would_roll():
     assert error.value.data["refused"] == {"can": "would_roll"}
 
 
+@pytest.mark.parametrize(
+    ("entry", "axes", "cause"),
+    [
+        ({"box": [0.1, 0.08, 0.05]}, ("x",), None),
+        ({"box": [0.1, 0.08, 0.05], "up": 45}, ("x",), "orientation"),
+        ({"cylinder": [0.03, 0.1]}, ("x",), "would_roll"),
+        ({"sphere": 0.04}, (), "would_roll"),
+        ({"box": [0.1, 0.08, 0.05], "com": [0.0499, 0, 0]}, ("z",), "would_tip"),
+    ],
+)
+def test_causes_are_those_of_a_single_placement(entry, axes, cause):
+    turned = rotation_about(np.array([0.0, 1.0, 0.0]), np.radians(entry.pop("up", 0)))
+    item = read_object({"id": "item", "mass": 0.3, **entry})
+    if cause == "orientation":
+        mesh = item.shape.polyhedron
+        item = RigidObject("item", Mesh(mesh.vertices @ turned.T, mesh.triangles), item.pose, mass=0.3)
+    options = Options(looks=[("turned", Upright(axes))])
+    if cause is None:
+        assert len(pack(totes.tote(), [item], options).placements) == 1
+        return
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), [item], options)
+    assert error.value.data["refused"] == {"item": cause}
+
+
+def test_what_the_certificates_reject_has_their_cause():
+    tests = [("leaves no room for the hand", lambda analysis, item: item.id != "box_1")]
+    with pytest.raises(NoAnswerError, match="the hand") as error:
+        pack(totes.tote(), cubes(3), Options(tests=tests, attempts=4), orders=2)
+    assert error.value.data["refused"] == {"box_1": "no_room_for_hand"}
+    assert error.value.data["left"] == ["box_1"]
+
+
+def test_each_object_has_its_attempts():
+    """The first object fails in each of its attempts; the second and the third need a few of their own."""
+    asked: Counter[str] = Counter()
+
+    def test(analysis, item):
+        asked[item.id] += 1
+        return item.id != "box_0" and asked[item.id] > 2
+
+    sizes = ((0.12,) * 3, (0.1,) * 3, (0.08,) * 3)
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), boxes(*sizes), Options(tests=[("never", test)], attempts=3), orders=1)
+    assert asked == {"box_0": 3, "box_1": 3, "box_2": 3}
+    assert error.value.data["left"] == ["box_0"]
+
+
+def ring(number: int, radius: float, height: float) -> Mesh:
+    """A prism of many sides."""
+    angle = 2 * np.pi * np.arange(number) / number
+    round_ = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    vertices = np.vstack([np.column_stack([round_, np.full(number, z)]) for z in (0.0, height)])
+    k = np.arange(number)
+    after = (k + 1) % number
+    sides = np.vstack([np.column_stack([k, after, number + after]), np.column_stack([k, number + after, number + k])])
+    fan = np.column_stack([np.zeros(number - 2, int), k[1:-1], k[2:]])
+    return Mesh(vertices, np.vstack([sides, fan[:, ::-1], fan + number]))
+
+
+@pytest.mark.parametrize("sides", [12, 48])
+def test_a_mesh_of_a_can_stands_on_its_ends(sides):
+    can = RigidObject("can", ring(sides, 0.05, 0.05), Pose(np.eye(3), np.zeros(3)), mass=0.3)
+    turns, _ = turns_of(can, 1e-3)
+    assert turns
+    assert all(abs(turned.pose.rotation[2, 2]) > 0.99 for turned in turns)
+
+
+def test_a_fine_mesh_is_looked_at_within_the_deadline(monkeypatch):
+    covered = []
+    cover = turns.cover_of
+    monkeypatch.setattr(turns, "cover_of", lambda *given: covered.append(given) or cover(*given))
+    monkeypatch.setattr("poise.placement.packing.job.time", SimpleNamespace(monotonic=count().__next__))
+    can = RigidObject("can", ring(48, 0.05, 0.05), Pose(np.eye(3), np.zeros(3)), mass=0.3)
+    with pytest.raises(NoAnswerError) as error:
+        pack(totes.tote(), [can], Options(deadline=3.0))
+    assert error.value.code is ErrorCode.DEADLINE
+    assert not covered
+
+
 def test_a_full_tote_has_no_room():
     full = in_tote((0.2, 0.2, 0.1), boxes((0.2, 0.2, 0.1))).analysis
     with pytest.raises(NoAnswerError) as error:
@@ -123,6 +204,18 @@ def test_what_is_in_the_tote_stays_where_it_is():
     half = in_tote((0.2, 0.1, 0.2), cubes(1)).analysis
     found = pack(half, [box("more", (0.1, 0.1, 0.1), (0, 0, 0))], Options(packing=TOUCHING))
     assert found.top == pytest.approx(0.1)
+    assert found.utilisation == pytest.approx(1.0)
+    assert found.filled == pytest.approx(0.5)
+
+
+def test_what_was_in_the_tote_and_is_higher_is_the_top_of_the_load():
+    half = in_tote((0.2, 0.1, 0.2), boxes((0.1, 0.1, 0.1))).analysis
+    beside = box("beside", (0.1, 0.1, 0.1), (0.5, 0.5, 0.05))
+    scene = half.with_object(beside)
+    found = pack(scene, [box("more", (0.1, 0.1, 0.05), (0, 0, 0))], Options(packing=TOUCHING))
+    assert found.top == pytest.approx(0.1)
+    assert found.volume == pytest.approx(1.5e-3)
+    assert found.utilisation == pytest.approx(0.75)
 
 
 @pytest.mark.parametrize("axes", [("x",), ("-z", "y"), ("z",)])
@@ -132,72 +225,6 @@ def test_only_allowed_axes_point_up(axes):
         up = one.pose.rotation.T @ [0, 0, 1]
         named = ("-" if up.sum() < 0 else "") + "xyz"[int(np.abs(up).argmax())]
         assert named in axes
-
-
-def test_a_yawed_tote_of_one_mesh_is_packed_along_its_sides():
-    cells = [(0, 0, 0, 8, 8, 1), (0, 0, 1, 1, 8, 4), (7, 0, 1, 8, 8, 4), (1, 0, 1, 7, 1, 4), (1, 7, 1, 7, 8, 4)]
-    yaw = rotation_about(np.array([0.0, 0.0, 1.0]), 0.4)
-    tote = RigidObject("tote", of_cells(tuple(cells)), Pose(yaw, np.array([0.3, 0.1, 0.0])), fixed=True)
-    floor = totes.tote().objects[0]
-    found = pack(Assembly((floor, tote), friction=0.5), cubes(4, 0.07), Options())
-    assert found.container.names == ("tote",)
-    assert found.container.high - found.container.low == pytest.approx([0.15, 0.15], abs=1e-6)
-    assert found.top == pytest.approx(0.07)
-    turned = yaw.T @ found.placements[0].pose.rotation
-    assert sorted(np.abs(turned).ravel()) == pytest.approx([0] * 6 + [1] * 3, abs=1e-6)
-
-
-def pallet() -> Assembly:
-    bodies = totes.tote().objects[:1], box("pallet", (0.406, 0.304, 0.1), (0.5, 0.5, 0.05))
-    return Assembly((*bodies[0], RigidObject("pallet", bodies[1].shape, bodies[1].pose, fixed=True)), friction=0.5)
-
-
-def test_a_pallet_is_packed_on_its_top():
-    found = pack(pallet(), cubes(12), Options(packing=PackingOptions(into="pallet")))
-    assert found.top == pytest.approx(0.1)
-    assert found.utilisation == pytest.approx(12e-3 / (0.406 * 0.304 * 0.1))
-    assert found.filled is None
-
-
-def test_a_tote_with_sloping_walls_holds_less_at_its_bottom():
-    (x, y), draft, depth = (0.2, 0.15), 0.02, 0.2
-    rings = [(x + 0.01, y + 0.01, 0.0), (x + 0.03, y + 0.03, depth), (x + draft, y + draft, depth), (x, y, 0.01)]
-    corners = [(i * a / 2, j * b / 2, z) for a, b, z in rings for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    quads = [(r + k, r + (k + 1) % 4, r + 4 + (k + 1) % 4, r + 4 + k) for r in (0, 4, 8) for k in range(4)]
-    quads += [(0, 3, 2, 1), (12, 13, 14, 15)]
-    triangles = np.array([part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))])
-    tote = RigidObject("tote", Mesh(np.array(corners), triangles), Pose(np.eye(3), np.zeros(3)), fixed=True)
-    found = pack(Assembly((tote,), friction=0.5), boxes((0.19, 0.14, 0.05), (0.195, 0.145, 0.02)), orders=5)
-    assert len(found.placements) == 2
-    assert found.container.volume(found.container.floor + 0.19) == pytest.approx(0.19 * 0.21 * 0.16, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "says"),
-    [
-        (PackingOptions(into="nothing"), ErrorCode.OBJECT_UNKNOWN, "nothing"),
-        (PackingOptions(into="crate"), ErrorCode.BAD_INPUT, "not fixed"),
-        (PackingOptions(), ErrorCode.OBJECT_INVALID, "into"),
-    ],
-)
-def test_a_container_that_is_none_is_refused(options, code, says):
-    scene = pallet().with_object(box("crate", (0.1, 0.1, 0.1), (0, 0, 0.05)))
-    with pytest.raises(InputError, match=says) as error:
-        find_container(scene, options.into, options.height)
-    assert error.value.code is code
-
-
-def test_two_totes_are_not_chosen_from():
-    moved = [
-        RigidObject(
-            f"{item.id}_2", item.shape, Pose(np.eye(3), item.pose.translation + np.array([0.6, 0, 0])), fixed=True
-        )
-        for item in totes.tote().objects[1:]
-    ]
-    scene = Assembly((*totes.tote().objects, *moved), friction=0.5)
-    with pytest.raises(InputError, match="name the body"):
-        find_container(scene, None, None)
-    assert find_container(scene, "bottom_2", None).low == pytest.approx([0.4, -0.15])
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
@@ -255,6 +282,13 @@ def test_the_command_packs_several_objects_into_a_tote(command):
     assert "utilisation" in printed
 
 
+def test_options_that_compare_placements_are_kept(command):
+    status, answer, _ = command(*ITEMS[:4], "--criterion", "least", "--candidates", "1")
+    assert status == 0
+    assert len(answer["placements"]) == 2
+    assert "container" not in answer
+
+
 def test_an_entry_says_which_of_its_axes_may_point_up(command):
     standing = "{id: tall, box: [0.1, 0.08, 0.15], mass: 0.1, up: [z, -z]}"
     status, answer, _ = command(*ITEMS[:2], "--object", standing, "--orders", "3")
@@ -270,6 +304,8 @@ def test_an_entry_says_which_of_its_axes_may_point_up(command):
         (["--gap", "-1"], 2, "gap"),
         (["--height", "0.1", "--planner", "poise"], 2, "--planner packing"),
         (["--into", "b0"], 2, "b0"),
+        (["--criterion", "median", "--planner", "packing"], 2, "--criterion"),
+        (["--refine", "--candidates", "3", "--height", "0.1"], 2, "--candidates, --refine"),
         (["--axes", "z,w"], 2, "'w'"),
         (["--axes", "z", "--upright"], 2, "one of them"),
         (["--object", "{id: x, box: [0.1, 0.1, 0.1], mass: 1, up: 3}"], 2, "up is 3"),

@@ -8,6 +8,7 @@
 """
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
+from poise.assembly.contact.facet_curves import facet_curve
 from poise.assembly.contact.graph import FIXED_NODE, ContactBlock, Structure
 from poise.assembly.contact.patches import patches_between
 from poise.assembly.contact.penetration import (
@@ -34,6 +35,7 @@ __all__ = [
     "convex_geometry",
     "distance_between",
     "distance_to_triangles",
+    "facet_curve",
     "find_interfaces",
     "patches_between",
     "placed",

@@ -7,13 +7,17 @@ import numpy as np
 
 from poise.assembly import RigidObject
 from poise.geometry import Pose
+from poise.placement import rise_to_tip
 from poise.placement.packing.container import Container
 from poise.placement.packing.cover import Cover
-from poise.placement.packing.turns import Turned, rise_over
+from poise.placement.packing.turns import Turned
 from poise.types import Array
 
+_UP = np.array([0.0, 0.0, 1.0])
 _EQUAL = 1e-7
 """m: rounding of positions and heights."""
+REJECTED = "condition_not_met"
+"""Cause for an object of which the last test accepted no candidate."""
 _SHORT_LIST = 40
 """Candidates of an object, the best ones first, of which support is looked at."""
 _MOST_EDGES = 60
@@ -99,6 +103,7 @@ class Packer:
         rise: m by which a centre of mass has to rise before an object tips.
         bears: which boxes of the container may carry something, (K,); and whether what is placed may.
         accepts: a last test of a candidate.
+        in_time: called for each orientation; raises when there is no time left.
     """
 
     def __init__(
@@ -110,9 +115,10 @@ class Packer:
         rise: float,
         bears: tuple[bool, bool],
         accepts: Accepts,
+        in_time: Callable[[], None],
     ) -> None:
         self._container, self._turns, self._gap, self._rise = container, turns, gap, rise
-        self._bears, self._accepts = bears, accepts
+        self._bears, self._accepts, self._in_time = bears, accepts, in_time
         self._start = Cover.joined([container.fixed, loaded])
 
     def arrange(self, items: Sequence[RigidObject], rule: Rule, worst: float = np.inf) -> Arrangement | None:
@@ -135,7 +141,10 @@ class Packer:
 
     def _place(self, item: RigidObject, low: Array, high: Array, rule: Rule) -> tuple[Spot | None, str]:
         """The best place by a rule, or the reason why there is none."""
-        candidates = [(turned, self._candidates(turned, low, high)) for turned in self._turns[item.id]]
+        candidates = []
+        for turned in self._turns[item.id]:
+            self._in_time()
+            candidates.append((turned, self._candidates(turned, low, high)))
         fitting = [(turned, corners) for turned, corners in candidates if len(corners)]
         if not fitting:
             return None, "no_room"
@@ -148,7 +157,7 @@ class Packer:
             if self._is_supported(spot, low, high):
                 if self._accepts(item, spot):
                     return spot, ""
-                why = "not_stable"
+                why = REJECTED
         return None, why
 
     def _candidates(self, turned: Turned, low: Array, high: Array) -> Array:
@@ -220,7 +229,8 @@ class Packer:
         if not ((by_placed and not fixed.all()) or (by_fixed and fixed.all())):
             return False
         com = spot.turned.com + np.append(spot.corner[:2], 0.0)
-        return rise_over(corners, com) >= self._rise
+        points = np.column_stack([corners, np.zeros(len(corners))])
+        return rise_to_tip(points, com, _UP) >= self._rise
 
 
 def _meeting(cover: Cover, low: Array, high: Array) -> tuple[Array, Array, np.ndarray]:

@@ -1,26 +1,17 @@
 """The room that is packed: what the fixed bodies of a scene enclose, or the top of one of them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 
 from poise.assembly import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
-from poise.geometry import plane_axes, unit
-from poise.placement.packing.cover import Cover, cover_of, heights_over
-from poise.types import Array, Mask
-
-_CELLS = 256
-"""Along the longer side of the scene, to find what is enclosed; and along that of a container that is no box."""
-_SHALLOW = 5e-3
-"""m: what is enclosed less deeply is no container."""
-_LEVELS = 24
-"""Heights of rims that are looked at."""
-_SECOND = 0.5
-"""Volume, relative to the largest enclosed room, of another that makes the choice unclear."""
+from poise.geometry import unit
+from poise.placement.packing.cover import Cover, cover_of
+from poise.placement.packing.rooms import CELLS, SHALLOW, Room, along_walls, enclosed, level_axes, over_one
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +57,13 @@ class Container:
             ground[inside] = np.maximum(ground[inside], high[2])
         return np.outer(*(np.diff(edge) for edge in edges)), ground
 
+    def holds(self, item: RigidObject) -> bool:
+        """Whether an object is over its ground."""
+        corners = item.vertices @ self.axes.T
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        middle = (low + high)[:2] / 2
+        return bool(np.all((middle > self.low) & (middle < self.high)) and low[2] > self.floor - SHALLOW)
+
     def volume(self, top: float) -> float:
         """m3 of the room below a height, m."""
         areas, ground = self._ground
@@ -87,15 +85,12 @@ def find_container(assembly: Assembly, into: str | None, height: float | None) -
     fixed = [item for item in assembly.objects if item.fixed]
     body = None if into is None else _named(assembly, into)
     up = -unit(np.asarray(assembly.gravity))
-    axes = _axes(up, body)
-    found = _enclosed(fixed, axes, body)
+    axes = level_axes(up, body)
+    found = enclosed(fixed, axes, body)
     if found is None and body is None:  # thin walls are seen on a grid of their own only
-        body = next((item for item in fixed if _enclosed(fixed, axes, item) is not None), None)
-    elif found is not None and body is None:
-        body = _below(fixed, axes, found)
-    if body is not None:
-        axes = _axes(up, body)
-        found = _enclosed(fixed, axes, body) or found
+        found, axes, body = over_one(fixed, up) or (None, axes, None)
+    if found is not None:
+        found, axes = along_walls(fixed, up, axes, found)
     if found is None:
         if body is None and len(fixed) != 1:
             raise InputError(
@@ -104,7 +99,7 @@ def find_container(assembly: Assembly, into: str | None, height: float | None) -
                 "name the fixed body to pack onto (into)",
             )
         return _on_top(body or fixed[0], fixed, axes, height)
-    return _inside(fixed, axes, *found, height)
+    return _inside(fixed, axes, found, height)
 
 
 def encloses(assembly: Assembly) -> bool:
@@ -125,95 +120,9 @@ def _named(assembly: Assembly, name: str) -> RigidObject:
     return item
 
 
-def _axes(up: Array, body: RigidObject | None) -> Array:
-    """Level axes along the sides of a body, or of the world, and up."""
-    sides = np.eye(3) if body is None else body.pose.rotation.T
-    level = max(
-        sides, key=lambda side: float(np.linalg.norm(side - (side @ up) * up)) - 1e-3 * abs(side @ np.eye(3)[1])
-    )
-    across = level - (level @ up) * up
-    first = unit(across) if np.linalg.norm(across) > 1e-6 else plane_axes(up)[0]
-    return np.stack([first, np.cross(up, first), up])
-
-
-_Enclosed = tuple[Mask, float, Array, float]
-"""Cells of a room, the height of its rim, the corner of the grid and the size of a cell, m."""
-
-
-def _enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | None) -> _Enclosed | None:
-    """The largest room that fixed bodies enclose, or the largest over one of them."""
-    if not fixed:
-        return None
-    heights, origin, cell = _heights(fixed, axes, fixed if body is None else [body])
-    own = np.isfinite(_heights_of(body, axes, origin, heights.shape, cell)) if body is not None else None
-    rooms = []
-    for level, room in _rooms(heights):
-        volume = float(np.sum(level - np.maximum(heights[room], heights[np.isfinite(heights)].min()))) * cell**2
-        over = 1.0 if own is None else float(np.mean(own[room]))
-        if over > _SECOND:
-            rooms.append((volume, level, room))
-    if not rooms:
-        return None
-    volume, level, room = max(rooms, key=lambda found: found[0])
-    others = [found for found in rooms if found[0] > _SECOND * volume and not np.any(found[2] & room)]
-    if others:
-        raise InputError(
-            ErrorCode.OBJECT_INVALID,
-            f"fixed bodies enclose {1 + len(others)} rooms or more of similar size: name the body to pack into (into)",
-        )
-    return room, level, origin, cell
-
-
-def _rooms(heights: Array) -> Iterator[tuple[float, Mask]]:
-    """Each part of the ground that is enclosed by something higher, with the height of the rim."""
-    levels = np.unique(np.round(heights[np.isfinite(heights)], 6))
-    if len(levels) > _LEVELS:
-        levels = np.unique(levels[np.linspace(0, len(levels) - 1, _LEVELS).astype(int)])
-    for level in levels[levels > levels[0] + _SHALLOW]:
-        wall = heights >= level - 1e-5
-        labels, count = ndimage.label(ndimage.binary_fill_holes(wall) & ~wall)
-        for number in range(1, count + 1):
-            room = labels == number
-            if level - heights[room].min() > _SHALLOW:
-                yield float(level), room
-
-
-def _heights(fixed: Sequence[RigidObject], axes: Array, around: Sequence[RigidObject]) -> tuple[Array, Array, float]:
-    """Greatest height of bodies on a grid around some of them, its corner and its cell."""
-    corners = np.concatenate([item.vertices @ axes.T for item in around])
-    low, size = corners.min(axis=0)[:2], np.ptp(corners, axis=0)[:2]
-    cell = float(size.max()) / _CELLS
-    count = np.ceil(size / cell - 1e-9).astype(int) + 2
-    origin = low - cell
-    heights = np.full(count, -np.inf)
-    for item in fixed:
-        heights = np.maximum(heights, _heights_of(item, axes, origin, tuple(count), cell))
-    return heights, origin, cell
-
-
-def _heights_of(item: RigidObject, axes: Array, origin: Array, count: tuple[int, ...], cell: float) -> Array:
-    corners = item.vertices @ axes.T
-    fine = heights_over(item.shape.polyhedron, corners, origin, 2 * np.array(count), cell / 2)
-    heights: Array = fine.reshape(count[0], 2, count[1], 2).max(axis=(1, 3))
-    if np.any(np.ptp(corners, axis=0)[:2] < cell):  # thinner than the grid sees
-        first, last = ((f(corners, axis=0)[:2] - origin) // cell for f in (np.min, np.max))
-        box = tuple(slice(max(int(a), 0), max(int(b) + 1, 0)) for a, b in zip(first, last, strict=True))
-        heights[box] = np.maximum(heights[box], corners[:, 2].max())
-    return heights
-
-
-def _below(fixed: Sequence[RigidObject], axes: Array, found: _Enclosed) -> RigidObject:
-    """The body that carries most of a room."""
-    room, _, origin, cell = found
-    maps = np.array([_heights_of(item, axes, origin, room.shape, cell)[room] for item in fixed])
-    return fixed[int(np.bincount(maps.argmax(axis=0), minlength=len(fixed)).argmax())]
-
-
-def _inside(
-    fixed: Sequence[RigidObject], axes: Array, room: Mask, rim: float, origin: Array, cell: float, height: float | None
-) -> Container:
-    rows = np.argwhere(room)
-    low, high = origin + cell * (rows.min(axis=0) - 1), origin + cell * (rows.max(axis=0) + 2)
+def _inside(fixed: Sequence[RigidObject], axes: Array, room: Room, height: float | None) -> Container:
+    rim, cell = room.rim, room.cell
+    low, high = room.sides + cell * np.array([[-1], [1]])
     covers = [_cover(item, axes, low, high) for item in fixed]
     cover = Cover.joined(covers)
     walls = cover.high[:, 2] >= rim - 1e-5
@@ -227,7 +136,7 @@ def _inside(
     inside = Cover(cover.low[inner], cover.high[inner])
     sides = np.stack([low, high])
     floor = _lowest(inside, sides)
-    names = tuple(f.id for f, c in zip(fixed, covers, strict=True) if np.any(c.high[:, 2] >= floor - _SHALLOW))
+    names = tuple(f.id for f, c in zip(fixed, covers, strict=True) if np.any(c.high[:, 2] >= floor - SHALLOW))
     walled = Cover.joined([inside, _around(sides)])
     return Container(axes, low, high, floor, rim, None if height is None else floor + height, walled, names)
 
@@ -258,7 +167,7 @@ def _cover(item: RigidObject, axes: Array, low: Array, high: Array) -> Cover:
     outside = np.any((corners.max(axis=0)[:2] <= low) | (corners.min(axis=0)[:2] >= high))
     if outside:
         return Cover(np.zeros((0, 3)), np.zeros((0, 3)))
-    cover = cover_of(item.shape.polyhedron, corners, _CELLS // 4)
+    cover = cover_of(item.shape.polyhedron, corners, CELLS // 4)
     near = np.all((cover.low[:, :2] < high) & (cover.high[:, :2] > low), axis=1)
     return Cover(cover.low[near], cover.high[near])
 

@@ -6,13 +6,15 @@ import numpy as np
 
 from poise.assembly.scene import Polyhedron
 from poise.errors import InputError
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 from poise.worlds import convex_pieces
 
 _COLUMNS = 12
 """Columns along the longer side of a footprint that is no rectangle."""
 _SAMPLES = 3
 """Heights looked at along each side of a column."""
+_AT_ONCE = 20_000
+"""Cells under triangles that are looked at together."""
 _LEVEL = 1e-6
 """m: heights that differ by less are equal."""
 
@@ -124,19 +126,31 @@ def heights_over(polyhedron: Polyhedron, corners: Array, origin: Array, count: A
         cell: m.
     """
     heights = np.full(count, -np.inf)
-    for a, b, c in corners[polyhedron.triangles]:
-        first = np.maximum(np.floor((np.min([a, b, c], axis=0)[:2] - origin) / cell - 0.5), 0).astype(int)
-        last = np.minimum(np.ceil((np.max([a, b, c], axis=0)[:2] - origin) / cell + 0.5), count).astype(int)
-        if np.any(last <= first):
-            continue
-        x, y = np.meshgrid(*(origin[k] + cell * (np.arange(first[k], last[k]) + 0.5) for k in (0, 1)), indexing="ij")
-        twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
-        if abs(twice) < 1e-14:
-            continue
-        u = ((b[0] - x) * (c[1] - y) - (c[0] - x) * (b[1] - y)) / twice
-        v = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / twice
-        w = 1 - u - v
-        inside = (u >= -1e-9) & (v >= -1e-9) & (w >= -1e-9)
-        part = heights[first[0] : last[0], first[1] : last[1]]
-        part[inside] = np.maximum(part, u * a[2] + v * b[2] + w * c[2])[inside]
+    triangles = corners[polyhedron.triangles]
+    first = np.maximum(np.ceil((triangles.min(axis=1)[:, :2] - origin) / cell - 0.5 - _LEVEL), 0).astype(int)
+    last = np.minimum(np.floor((triangles.max(axis=1)[:, :2] - origin) / cell + 0.5 + _LEVEL), count).astype(int)
+    sides = np.maximum(last - first, 0)
+    (x0, y0), (x1, y1), (x2, y2) = (triangles[:, k, :2].T for k in range(3))
+    flat = np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)) < 1e-14
+    cells = np.where(flat, 0, sides.prod(axis=1))
+    seen = np.flatnonzero(cells)
+    for part in np.split(seen, np.flatnonzero(np.diff(np.cumsum(cells[seen]) // _AT_ONCE)) + 1):
+        _raise_to(heights, triangles[part], first[part], sides[part], origin, cell)
     return heights
+
+
+def _raise_to(heights: Array, triangles: Array, first: Indices, sides: Indices, origin: Array, cell: float) -> None:
+    """Raise cells to (T, 3, 3) triangles over them, of which each is looked at in a rectangle of cells, (T, 2)."""
+    cells = sides.prod(axis=1)
+    of = np.repeat(np.arange(len(cells)), cells)
+    number = np.arange(len(of)) - np.repeat(np.cumsum(cells) - cells, cells)
+    i, j = first[of, 0] + number // sides[of, 1], first[of, 1] + number % sides[of, 1]
+    x, y = origin[0] + cell * (i + 0.5), origin[1] + cell * (j + 0.5)
+    a, b, c = np.moveaxis(triangles if len(triangles) == 1 else triangles[of], 1, 0)
+    twice = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
+    u = ((b[:, 0] - x) * (c[:, 1] - y) - (c[:, 0] - x) * (b[:, 1] - y)) / twice
+    v = ((c[:, 0] - x) * (a[:, 1] - y) - (a[:, 0] - x) * (c[:, 1] - y)) / twice
+    w = 1 - u - v
+    inside = (u >= -1e-9) & (v >= -1e-9) & (w >= -1e-9)
+    height = u * a[:, 2] + v * b[:, 2] + w * c[:, 2]
+    np.maximum.at(heights.reshape(-1), (i * heights.shape[1] + j)[inside], height[inside])

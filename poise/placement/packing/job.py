@@ -20,12 +20,13 @@ from poise.placement import (
     Steady,
     Upright,
     Validator,
+    cause_of,
     require_new,
 )
 from poise.placement.packing.arranging import Arrangement, Packer, Rule, Spot, drawn_orders
 from poise.placement.packing.container import Container, find_container
 from poise.placement.packing.cover import Cover, cover_of
-from poise.placement.packing.turns import Turned, rise_over, turns_of
+from poise.placement.packing.turns import Turned, turns_of
 from poise.types import Array
 
 ORDERS = 60
@@ -44,12 +45,19 @@ _PLAIN = Options()
 _NAMED = 5
 """Objects that the sentence of a refusal names, at most."""
 REFUSALS = {
-    "would_roll": "it would roll or tip on each face that may be down",
+    "orientation": "no axis that may point up is opposite to a face that it stands on",
+    "would_roll": "it would roll",
+    "would_tip": "it would tip easily",
     "too_large": "larger than the container in each orientation that is allowed",
     "under_lid": "it does not fit under the lid",
     "no_room": "no room is left for it",
     "no_support": "where there is room, what is below does not keep it from tipping",
-    "not_stable": "where there is room, it does not stand, or a condition is not met",
+    "not_stable": "where there is room, it does not stand",
+    "not_robust": "where there is room, it does not stand robustly",
+    "no_room_for_hand": "where there is room, the hand has none",
+    "out_of_reach": "where there is room, the arm does not reach",
+    "undecided": "a solver failed where there is room",
+    "condition_not_met": "where there is room, a condition is not met",
 }
 """Causes for which an object is left."""
 
@@ -60,8 +68,8 @@ class Packing(PlacementSequence):
 
     Args:
         container: what was packed.
-        top: m, of the load over the container's floor.
-        volume: m3, of the packed objects.
+        top: m, of the load over the container's floor; what was in it before is part of the load.
+        volume: m3, of the load.
         margin: N, the least of the stability margins after each object (`Analysis.stability`).
     """
 
@@ -72,7 +80,7 @@ class Packing(PlacementSequence):
 
     @property
     def utilisation(self) -> float:
-        """Volume of the packed objects relative to that of the container up to the top of the load."""
+        """Volume of the load relative to that of the container up to the top of the load."""
         return self.volume / self.container.volume(self.container.floor + self.top)
 
     @property
@@ -122,12 +130,16 @@ def pack(
 
 @dataclass(eq=False)
 class _Certified:
-    """An arrangement, and the analysis of each step."""
+    """An arrangement, and the analysis of each step.
+
+    Args:
+        tried: rejected poses of each object, by test.
+    """
 
     analysis: Analysis
     placements: list[Placement] = field(default_factory=list)
     margin: float = np.inf
-    tried: Counter[str] = field(default_factory=Counter)
+    tried: dict[str, Counter[str]] = field(default_factory=dict)
     arrangement: Arrangement = field(default_factory=Arrangement)
 
 
@@ -157,6 +169,7 @@ class _Job:
         self._container = find_container(analysis.assembly, options.packing.into, options.packing.height)
         axes, loaded = self._container.axes, [item for item in analysis.assembly.objects if not item.fixed]
         covers = [cover_of(item.shape.polyhedron, item.vertices @ axes.T) for item in loaded]
+        self._before = [item for item in loaded if self._container.holds(item)]
         self._loaded = Cover.joined([Cover(np.zeros((0, 3)), np.zeros((0, 3))), *covers])
         self._turns: dict[str, list[Turned]] = {}
         self._impossible: dict[str, str] = {}
@@ -181,15 +194,17 @@ class _Job:
         best = found[0]
         if best.arrangement.left:
             raise self._refusal(list(best.arrangement.placed), best.arrangement.left)
-        volume = sum(item.shape.volume for item in self._items)
-        top = best.arrangement.top - self._container.floor
+        volume = sum(item.shape.volume for item in (*self._before, *self._items))
+        up = self._container.axes[2]
+        top = max([best.arrangement.top, *(float(np.max(item.vertices @ up)) for item in self._before)])
+        top -= self._container.floor
         seconds = time.monotonic() - self._start
         return Packing(tuple(best.placements), seconds, self._container, top, volume, best.margin)
 
     def _ranked(self, rng: np.random.Generator, count: int) -> list[_Ranked]:
         """Orders and rules, that with the lowest load first; by geometry alone."""
         found: list[_Ranked] = []
-        packer = self._packer(self._looks_right)
+        packer = self._packer(self._looks_right, _SEARCHING)
         flattest = [min(float(turned.size[2]) for turned in turns) for turns in self._turns.values()]
         lowest = self._container.floor + max(flattest)  # no load with all objects is lower
         try:
@@ -209,14 +224,22 @@ class _Job:
 
     def _certified(self, order: list[RigidObject], rule: Rule) -> _Certified:
         found = _Certified(self._analysis)
-        packer = self._packer(lambda item, spot: self._stands(item, spot, found))
+        packer = self._packer(lambda item, spot: self._stands(item, spot, found), 1.0)
         found.arrangement = packer.arrange(order, rule) or found.arrangement
+        for name in found.arrangement.left:
+            if found.tried.get(name):
+                found.arrangement.left[name] = cause_of(found.tried[name])
         return found
 
-    def _packer(self, accepts: Callable[[RigidObject, Spot], bool]) -> Packer:
-        on = self._options.on
+    def _packer(self, accepts: Callable[[RigidObject, Spot], bool], share: float) -> Packer:
+        """A packer that ends with a share of the deadline."""
+        on, gap = self._options.on, self._options.packing.gap
         bears = on in ("any", "fixed"), on in ("any", "objects")
-        return Packer(self._container, self._loaded, self._turns, self._options.packing.gap, _RISE, bears, accepts)
+
+        def in_time() -> None:
+            self._require_time(share)
+
+        return Packer(self._container, self._loaded, self._turns, gap, _RISE, bears, accepts, in_time)
 
     def _looks_right(self, item: RigidObject, spot: Spot) -> bool:
         self._require_time(_SEARCHING)
@@ -226,7 +249,8 @@ class _Job:
     def _stands(self, item: RigidObject, spot: Spot, found: _Certified) -> bool:
         """Whether an object stands at a place on what was certified before it; if so, it joins that."""
         self._require_time(1.0)
-        if found.tried.total() >= self._options.attempts:
+        tried = found.tried.setdefault(item.id, Counter())
+        if tried.total() >= self._options.attempts:
             return False
         tests = (*_TESTS, *self._options.tests)
         validator = Validator(
@@ -237,12 +261,12 @@ class _Job:
         self._iteration += 1
         self._rejected += validator.rejected
         self._report(None if accepted is None else accepted[1])
-        found.tried += validator.rejected
+        tried += validator.rejected
         if accepted is None:
             return False
-        tried, seconds = found.tried, time.monotonic() - begun
+        seconds = time.monotonic() - begun
         found.placements.append(Placement(accepted[1], accepted[0], tried.total() + 1, seconds, dict(tried)))
-        found.analysis, found.tried = accepted[0], Counter()
+        found.analysis = accepted[0]
         found.margin = min(found.margin, accepted[0].stability().margin)
         return True
 
@@ -259,14 +283,10 @@ class _Job:
             there = replace(item, pose=Pose(axes.T @ rotation, np.zeros(3)))
             return all(look(there) for look in wanted)
 
-        def steady(corners: Array, com: Array) -> bool:
-            height = com[2] - corners[:, 2].min()
-            return rise_over(corners[:, :2], np.array([com[0], com[1], height])) >= _RISE
-
-        found = turns_of(item, steady, allowed)
+        found, why = turns_of(item, _RISE, allowed, lambda: self._require_time(1.0))
         fits = [turned for turned in found if self._fits(turned.size)]
         if not found:
-            self._impossible[item.id] = "would_roll"
+            self._impossible[item.id] = why
         elif not fits:
             level = any(self._fits(turned.size * [1, 1, 0]) for turned in found)
             self._impossible[item.id] = "under_lid" if level else "too_large"

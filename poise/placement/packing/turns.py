@@ -2,19 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-import shapely
 from scipy.spatial import ConvexHull
 
-from poise.assembly import Cylinder, RigidObject
+from poise.assembly import RigidObject
+from poise.assembly.contact import facet_curve
+from poise.assembly.scene import Polyhedron
 from poise.geometry import Pose, rotation_about, rotation_between
-from poise.placement import ContactFeatures
+from poise.placement import rise_to_tip, steady_faces
 from poise.placement.packing.cover import Cover, cover_of
 from poise.types import Array
 
 _FACES = 8
 """Faces that an object is put on, at most: the largest that it stands on."""
+_LOOKED_AT = 200
+"""Faces that are looked at for these."""
+_CAUSES = ("not_stable", "orientation", "would_roll", "would_tip")
+"""Causes for which a face is left out, in the order of the tests."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -24,55 +30,79 @@ class Turned:
 
     Args:
         pose: of the object frame, in the container's axes.
-        cover: boxes around it.
-        size: (3,) m, of its bounds.
+        polyhedron: its surface.
         com: (3,) m.
     """
 
     pose: Pose
-    cover: Cover
-    size: Array
+    polyhedron: Polyhedron
     com: Array
+
+    @cached_property
+    def corners(self) -> Array:
+        """(V, 3) m."""
+        return np.asarray(self.polyhedron.vertices @ self.pose.rotation.T + self.pose.translation)
+
+    @cached_property
+    def cover(self) -> Cover:
+        """Boxes around it."""
+        return cover_of(self.polyhedron, self.corners)
+
+    @cached_property
+    def size(self) -> Array:
+        """(3,) m, of its bounds."""
+        return np.asarray(np.ptp(self.corners, axis=0))
 
 
 def turns_of(
-    item: RigidObject, steady: Callable[[Array, Array], bool], allowed: Callable[[Array], bool]
-) -> list[Turned]:
-    """The orientations of an object, the lowest first; none when it would roll or tip in all of them.
+    item: RigidObject,
+    rise: float,
+    allowed: Callable[[Array], bool] = lambda rotation: True,
+    in_time: Callable[[], None] = lambda: None,
+) -> tuple[list[Turned], str]:
+    """The orientations of an object, the lowest first; when there are none, the cause, see `cause_of`.
 
     Args:
         item: at any pose.
-        steady: whether the object stands on a face with some (N, 3) corners, m, below a centre of mass (3,).
-        allowed: whether a rotation (3, 3), from the object to the container's axes, is wanted.
+        rise: m by which its centre of mass has to rise before it tips.
+        allowed: whether a rotation (3, 3), from the object to the container's axes, is wanted; turning about the
+            vertical does not matter.
+        in_time: called for each face; raises when there is no time left.
     """
     polyhedron = item.shape.polyhedron
     com = np.asarray(item.shape.centroid if item.com is None else item.com)
     found: dict[bytes, Turned] = {}
-    for normal in _downwards(item):
-        down = rotation_between(normal, -_UP)
+    flat, causes = 0, {"not_stable"}
+    for face in steady_faces(item.shape, com)[:_LOOKED_AT]:
+        in_time()
+        down = rotation_between(face.normal, -_UP)
+        if not allowed(down):
+            causes.add("orientation")
+            continue
+        if _is_round(polyhedron, face.normal):
+            causes.add("would_roll")
+            continue
         corners = polyhedron.vertices @ down.T
         lowest = corners[corners[:, 2] < corners[:, 2].min() + 1e-6]
-        if not steady(lowest, down @ com):
+        if rise_to_tip(lowest, down @ com, _UP) < rise:
+            causes.add("would_tip")
             continue
         angle = _alignment(corners)
         for quarter in range(4):
             rotation = rotation_about(_UP, quarter * np.pi / 2 - angle) @ down
-            corners = polyhedron.vertices @ rotation.T
-            low = corners.min(axis=0)
-            key = _same_place(corners - low, rotation @ com - low)
-            if key not in found and allowed(rotation):
-                cover = cover_of(polyhedron, corners - low)
-                size = np.ptp(corners, axis=0)
-                found[key] = Turned(Pose(rotation, -low), cover, size, rotation @ com - low)
-    return sorted(found.values(), key=lambda turned: float(turned.size[2]))
+            low = (polyhedron.vertices @ rotation.T).min(axis=0)
+            turned = Turned(Pose(rotation, -low), polyhedron, rotation @ com - low)
+            found.setdefault(_same_place(turned.corners, turned.com), turned)
+        flat += 1
+        if flat == _FACES:
+            break
+    return sorted(found.values(), key=lambda turned: float(turned.size[2])), max(causes, key=_CAUSES.index)
 
 
-def _downwards(item: RigidObject) -> list[Array]:
-    """Normals of the faces that it stands on; of a cylinder the flat ends, on its side it would roll."""
-    normals = [face.normal for face in ContactFeatures.of(item.shape, item.com).faces if face.steady]
-    if isinstance(item.shape, Cylinder):
-        normals = [normal for normal in normals if abs(normal[2]) > 0.5]
-    return normals[:_FACES]
+def _is_round(polyhedron: Polyhedron, normal: Array) -> bool:
+    """Whether the facets of a normal (3,) stand for a round side, on which the object would roll."""
+    facets = np.flatnonzero(polyhedron.normals @ normal > 1 - 1e-9)
+    return any(facet_curve(polyhedron, int(facet)) is not None for facet in facets)
 
 
 def _alignment(corners: Array) -> float:
@@ -88,17 +118,3 @@ def _same_place(corners: Array, com: Array) -> bytes:
     """Equal for orientations that fill the same room with the same centre of mass."""
     points = np.round(np.vstack([corners, com]) * 1e6) + 0.0
     return points[np.lexsort(points.T)].tobytes() if len(points) < 200 else points.tobytes()
-
-
-def rise_over(points: Array, com: Array) -> float:
-    """m by which a centre of mass rises before a body tips over an edge of its support; negative outside of it.
-
-    Args:
-        points: (N, 2) m, of the support, seen from above.
-        com: (3,) m, with its height over the support.
-    """
-    hull = shapely.convex_hull(shapely.multipoints(points))
-    if hull.geom_type != "Polygon" or not shapely.contains_xy(hull, com[0], com[1]):
-        return -1.0
-    inside = float(hull.exterior.distance(shapely.Point(com[0], com[1])))
-    return float(np.hypot(com[2], inside) - com[2])
