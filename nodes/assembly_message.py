@@ -13,6 +13,7 @@ from shape_msgs.msg import MeshTriangle, SolidPrimitive
 from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, Sphere
 from poise.assembly.robustness import Robustness, rolling_findings
 from poise.assembly.scene import check_density, read_object, scene_findings
+from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.shape import check_mesh
@@ -144,9 +145,9 @@ def assumptions_of(assembly: Assembly) -> list[str]:
     return found + [f"probably wrong: {finding.sentence}" for finding in scene_findings(assembly)]
 
 
-def notes_of(analysis: Analysis) -> list[str]:
-    """What an assembly does not give, and what in it can roll, one sentence each."""
-    return assumptions_of(analysis.assembly) + [finding.sentence for finding in rolling_findings(analysis)]
+def notes_of(analysis: Analysis, deadline: Deadline) -> list[str]:
+    """What an assembly does not give, and what in it was found to roll before the deadline, one sentence each."""
+    return assumptions_of(analysis.assembly) + [finding.sentence for finding in rolling_findings(analysis, deadline)]
 
 
 def _xyz(vector: Any) -> list[float]:
