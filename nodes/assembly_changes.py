@@ -43,7 +43,7 @@ def stability_of(analysis: Analysis, response: SetAssembly.Response, deadline: D
     """Whether an assembly stands, also written into a response."""
     found = analysis.stability(deadline)
     response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
-    response.assumptions = notes_of(analysis)
+    response.assumptions = notes_of(analysis, deadline)
     return found
 
 

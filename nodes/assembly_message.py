@@ -1,6 +1,7 @@
 """Assembly, pushes and answers of the core <-> the messages of these names."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ from geometry_msgs.msg import Pose as PoseMessage
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, Sphere
+from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, Sphere, load_scene
 from poise.assembly.robustness import Robustness, rolling_findings
-from poise.assembly.scene import check_density, read_object, scene_findings
+from poise.assembly.scene import ROLLING, check_density, read_object, scene_findings
+from poise.assembly.statics import NO_DEADLINE, Deadline
 from poise.errors import ErrorCode, InputError
+from poise.files import package_file
 from poise.geometry import Pose
 from poise.shape import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -144,9 +147,9 @@ def assumptions_of(assembly: Assembly) -> list[str]:
     return found + [f"probably wrong: {finding.sentence}" for finding in scene_findings(assembly)]
 
 
-def notes_of(analysis: Analysis) -> list[str]:
-    """What an assembly does not give, and what in it can roll, one sentence each."""
-    return assumptions_of(analysis.assembly) + [finding.sentence for finding in rolling_findings(analysis)]
+def notes_of(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> list[str]:
+    """What an assembly does not give, and what in it was found to roll before the deadline, one sentence each."""
+    return assumptions_of(analysis.assembly) + [finding.sentence for finding in rolling_findings(analysis, deadline)]
 
 
 def _xyz(vector: Any) -> list[float]:
@@ -191,6 +194,25 @@ def _allowed(uri: str, folders: Sequence[Path], where: str) -> str:
             "itself, or add its folder to the parameter mesh_folders",
         )
     return str(path)
+
+
+def scene_of_node(scene: str, warn: Callable[[str], object]) -> Assembly:
+    """The scene file of a node's parameter, with the rolling resistance that all nodes take: messages have none.
+
+    Args:
+        scene: path or package:// URI.
+        warn: called with what of the file is not used.
+
+    Raises:
+        InputError: as `load_scene`.
+    """
+    assembly = load_scene(package_file(scene))
+    pairs = tuple(replace(pair, rolling=None) for pair in assembly.friction_pairs)
+    given = {assembly.rolling, *(pair.rolling for pair in assembly.friction_pairs if pair.rolling is not None)}
+    if unused := sorted(given - {ROLLING}):
+        values = ", ".join(f"{value:g}" for value in unused)
+        warn(f"{scene}: rolling ({values}) is not used: messages have no such number, and nodes take {ROLLING:g}")
+    return replace(assembly, rolling=ROLLING, friction_pairs=pairs)
 
 
 def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from geometry_msgs.msg import Pose as PoseMessage
 
-from poise.assembly import Analysis, load_scene
+from poise.assembly import Analysis
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.files import package_file
 from poise.geometry import Pose
 from poise.manipulation import TransferExecution
 from poise.nodes.arm_node import ArmNode
-from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, scene_of_node
 from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -92,7 +91,8 @@ class PlacementPlannerNode(ArmNode):
         self._heard: AssemblyMessage | None = None
         self._seen: set[str] = set()  # of keep_free: what has been in an assembly
         if values["scene"]:
-            self._on_assembly(assembly_message(load_scene(package_file(values["scene"])), values["frame_id"]))
+            assembly = scene_of_node(values["scene"], self.get_logger().warning)
+            self._on_assembly(assembly_message(assembly, values["frame_id"]))
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
         feedback = Action.Feedback(stage="waiting", best_robustness=math.nan)

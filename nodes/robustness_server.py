@@ -14,12 +14,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from poise.assembly import load_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.files import package_file
 from poise.nodes.assembly_changes import changed_meanwhile
 from poise.nodes.assembly_markers import cleared
-from poise.nodes.assembly_message import assembly_message
+from poise.nodes.assembly_message import assembly_message, scene_of_node
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import declare_parameters
@@ -222,7 +220,7 @@ class RobustnessServer(Node):
     def _begin_with(self, scene: str) -> None:
         """Set the assembly of a scene file."""
         present = self._present
-        assembly = assembly_message(load_scene(package_file(scene)), present.frame)
+        assembly = assembly_message(scene_of_node(scene, self.get_logger().warning), present.frame)
         call = Call("set", serialize_message(SetAssembly.Request(assembly=assembly)), present.frame, False)
         worker = self._workers[0]
         response, proposed = self._asked(worker, call, present, time.monotonic() + self._longest)

@@ -139,6 +139,7 @@ class RobustnessWorker:
         start, deadline = time.perf_counter(), header["deadline"]
         analysis = self._analysis_for(request)
         found = assess(analysis, pushes, request.model, max(deadline - time.monotonic(), 0.0))
+        response.assumptions = notes_of(analysis, Deadline(deadline))
         complete, mapped = found.complete, None
         if request.map_points and found.stable:
             tolerance = request.map_tolerance or MAP_TOLERANCE
@@ -150,7 +151,6 @@ class RobustnessWorker:
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.robustness = [robustness_message(result) for result in found.results]
-        response.assumptions = notes_of(analysis)
         if mapped is not None:
             response.map = [map_message(mapped, _stamped(AssemblyMessage(), header).header)]
         if not request.assembly and found.stable:
@@ -168,7 +168,7 @@ class RobustnessWorker:
         left = max(header["deadline"] - time.monotonic(), 0.0)
         found = plan_disassembly(analysis, request.target or None, left)
         response.seconds = time.perf_counter() - start
-        response.assumptions = notes_of(analysis)
+        response.assumptions = notes_of(analysis, Deadline(header["deadline"]))
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
         ways = [np.zeros(3) if way is None else way for way in found.ways]
         response.ways = [Vector3(x=x, y=y, z=z) for x, y, z in np.reshape(ways, (-1, 3)).tolist()]

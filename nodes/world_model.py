@@ -12,13 +12,12 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Analysis, Assembly, load_scene
+from poise.assembly import Analysis, Assembly
 from poise.assembly.statics import Deadline, analysis_after, unstable
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.files import package_file
 from poise.geometry import Pose
 from poise.nodes.assembly_changes import changed, changed_meanwhile, not_checked, stability_of
-from poise.nodes.assembly_message import object_of
+from poise.nodes.assembly_message import object_of, scene_of_node
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import require_usable, weighed
@@ -121,7 +120,8 @@ class WorldModel(Node):
             return load_world(self._file)
         if not values["scene"]:
             return self._world
-        return self._world.with_assembly(load_scene(package_file(values["scene"])), values["frame_id"], self._now())
+        assembly = scene_of_node(values["scene"], self.get_logger().warning)
+        return self._world.with_assembly(assembly, values["frame_id"], self._now())
 
     def _change(self, transition: Callable[[World], World], expected: int = 0) -> World:
         """Make a transition, keep it in the file and publish it; what is refused changes nothing.

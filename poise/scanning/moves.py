@@ -88,7 +88,7 @@ class _Fit(NamedTuple):
 def find_move(views: Sequence[View], footprint: Footprint) -> ObjectMove | None:
     """The largest motion of the object between two views; None when they show none.
 
-    Pushes of less than 3 mm are not found, nor those of an object that only few views see.
+    Pushes of less than about 4 mm are not always found, nor those of an object that only few views see.
 
     Args:
         views: of a sweep.

@@ -171,9 +171,13 @@ def _fused(
     if (move := find_move(views, footprint)) is None:
         return views, footprint, fuse(views, footprint, options.voxel), []
     as_it_is = _agreed_surface(views, footprint, options)
-    moved = move.undone(views)
-    there = _look(moved, replace(options, near=move.place(footprint)))[1]
-    together = _agreed_surface(moved, there, options)
+    moved, there, together = move.undone(views), footprint, None
+    try:
+        there = _look(moved, replace(options, near=move.place(footprint)))[1]
+        together = _agreed_surface(moved, there, options)
+    except InputError:  # nothing is to be seen there
+        if as_it_is is None:
+            raise
     if as_it_is is not None and (together is None or together.agreed <= as_it_is.agreed) and as_it_is.agreed > _AGREED:
         return views, footprint, as_it_is, []
     if together is None or together.agreed < _AGREED:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from poise.assembly import Assembly, FrictionPair, RigidObject
+from poise.assembly.scene import ROLLING
 from poise.assembly.statics import same_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import GRAVITY_IN_WORLD, Pose
@@ -74,6 +75,7 @@ class World:
         gravity: (3,) m/s2 in the frame of the assembly.
         friction, pairs: of the assembly; pairs of objects that do not stand are kept for when they do.
         newest_event, newest_scan: ns, stamps of the newest grasp event and of the newest scan.
+        rolling: of the assembly.
     """
 
     frame: str
@@ -84,6 +86,7 @@ class World:
     pairs: tuple[FrictionPair, ...] = ()
     newest_event: int = 0
     newest_scan: int = 0
+    rolling: float = ROLLING
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", MappingProxyType(dict(self.objects)))
@@ -95,7 +98,7 @@ class World:
         if not any(item.fixed for item in items.values()):
             return None
         pairs = tuple(pair for pair in self.pairs if all(name in items for name in pair.objects))
-        return Assembly(tuple(items.values()), self.gravity, self.friction, pairs)
+        return Assembly(tuple(items.values()), self.gravity, self.friction, pairs, self.rolling)
 
     @property
     def held(self) -> KnownObject | None:
@@ -132,6 +135,7 @@ class World:
             gravity=np.asarray(assembly.gravity),
             friction=assembly.friction,
             pairs=tuple(pairs.values()),
+            rolling=assembly.rolling,
         )
 
     def scanned(self, item: RigidObject, stamp: int, notes: Sequence[str] = ()) -> "World":

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, RigidObject, Sphere
-from poise.assembly.scene import read_object, scene_content
+from poise.assembly.scene import ROLLING, read_object, scene_content
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.files import write_whole
 from poise.world.world import KnownObject, WeightSource, Whereabouts, World
@@ -67,6 +67,7 @@ def _content(world: World) -> dict[str, Any]:
         "gravity": np.asarray(world.gravity).tolist(),
         "friction": world.friction,
         "pairs": [[*pair.objects, pair.coefficient, pair.deviation, pair.rolling] for pair in world.pairs],
+        "rolling": world.rolling,
         "newest": [world.newest_event, world.newest_scan],
         "objects": [
             {
@@ -122,6 +123,7 @@ def _read(content: dict[str, Any]) -> World:
         objects[item.id] = KnownObject(
             item, entry["frame"], where, WeightSource(entry["source"]), entry["changed"], lifted, notes
         )
+    newest_event, newest_scan = content["newest"]
     return World(
         content["frame"],
         content["version"],
@@ -129,5 +131,7 @@ def _read(content: dict[str, Any]) -> World:
         np.array(content["gravity"], dtype=np.float64),
         content["friction"],
         tuple(FrictionPair((first, second), *rest) for first, second, *rest in content["pairs"]),
-        *content["newest"],
+        newest_event,
+        newest_scan,
+        content.get("rolling", ROLLING),
     )

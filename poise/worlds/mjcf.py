@@ -16,7 +16,7 @@ from poise.types import Array
 from poise.worlds import solids
 from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WorldLink, grouped
-from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance
+from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance, mjcf_round_pairs
 
 _FREE = 0
 """mjtJoint of a body that moves freely."""
@@ -58,7 +58,7 @@ class MjcfFormat(WorldFormat):
             bodies.append(f"    <body name={quoteattr(item.id)} {mjcf_place(item.pose)}>{inside}</body>\n")
         pairs = "".join(
             f'<pair geom1="{one}" geom2="{other}" {_pair_friction(assembly, p)}/>'
-            for p in assembly.friction_pairs
+            for p in (*assembly.friction_pairs, *mjcf_round_pairs(assembly, friction))
             for one in geoms[p.objects[0]]
             for other in geoms[p.objects[1]]
         )

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from poise.assembly import Box, Cylinder, RigidObject, Sphere
+from poise.assembly import Assembly, Box, Cylinder, FrictionPair, RigidObject, Sphere
+from poise.assembly.contact import CONTACT_MARGIN
 from poise.errors import PoiseError
 from poise.exporting import mjcf_inertial as inertial_element
 from poise.geometry import Pose, quaternion_of_rotation
@@ -27,13 +29,36 @@ def mjcf_inertial(item: RigidObject) -> str:
 def mjcf_resistance(items: Sequence[RigidObject], rolling: float, friction: float) -> tuple[list[float], int]:
     """Coefficients of spinning and rolling (moments per normal force, m) between objects, and the `condim` they need.
 
-    Rolling resistance acts on cylinders and balls; other contacts have the default of three dimensions.
+    Rolling resistance acts on cylinders and balls, between two of them at the radius 1 / (1 / a + 1 / b); other
+    contacts have the default of three dimensions.
     """
     radii = [item.shape.radius for item in items if isinstance(item.shape, Cylinder | Sphere)]
     if not radii or rolling == 0:
         return [0.0, 0.0], 3
-    lever = rolling * min(radii)
+    lever = rolling / sum(1 / radius for radius in radii)
     return [2 / 3 * friction * lever, lever], 6
+
+
+def mjcf_round_pairs(assembly: Assembly, friction: float) -> list[FrictionPair]:
+    """Cylinders and balls whose bounding spheres touch and that no friction pair names.
+
+    Of two geoms MuJoCo takes the larger resistance, and two round bodies have less than each has on a plane.
+    """
+    items = [each for each in assembly.objects if isinstance(each.shape, Cylinder | Sphere)]
+    if len(items) < 2 or assembly.rolling == 0:
+        return []
+    middles = np.array([item.pose.translation for item in items])
+    reach = np.array([np.linalg.norm(item.vertices - item.pose.translation, axis=1).max() for item in items])
+    named = {frozenset(pair.objects) for pair in assembly.friction_pairs}
+    near = cKDTree(middles).query_pairs(2 * reach.max() + CONTACT_MARGIN, output_type="ndarray")
+    apart = np.linalg.norm(middles[near[:, 0]] - middles[near[:, 1]], axis=1)
+    touching = near[apart <= reach[near].sum(axis=1) + CONTACT_MARGIN].tolist()
+    pairs = [(items[one], items[other]) for one, other in sorted(touching)]
+    return [
+        FrictionPair((one.id, other.id), friction)
+        for one, other in pairs
+        if not (one.fixed and other.fixed) and frozenset((one.id, other.id)) not in named
+    ]
 
 
 def mjcf_geom(item: RigidObject, name: str, attributes: str, hull: bool = False) -> tuple[str, str, bool]:

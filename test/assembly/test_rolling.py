@@ -23,7 +23,8 @@ from poise.assembly import (
 )
 from poise.assembly.robustness import rolling_findings
 from poise.assembly.scene import ROLLING
-from poise.assembly.statics import rolling
+from poise.assembly.statics import Deadline, rolling
+from poise.assembly.statics.rolling import _null_space as null_space
 from poise.geometry import Pose
 
 X = np.array([[1.0, 0, 0]])
@@ -154,6 +155,39 @@ def test_what_may_roll_is_named_with_its_kind_of_equilibrium(case):
             aside = R if item.com is None else np.sqrt(R**2 - item.com[2] ** 2)
             push = Push(item.id, item.com_in_world - [aside, 0, 0], (1, 0, 0))
             assert assess(analysis, [push]).results[0].robustness == pytest.approx(each.force, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["can", "ball"])
+@pytest.mark.parametrize("share", [-0.9, -0.5, 0.5, 0.9])
+@pytest.mark.parametrize(("azimuth", "com"), [(0.0, 0.0), (10.0, 0.0), (22.5, 0.0), (0.0, 0.01)])
+def test_the_force_that_starts_it_downhill_is_that_of_a_push(kind, share, azimuth, com):
+    along = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), 0.0])
+    body = rolls.KINDS[kind](com=np.array([0, com, 0] if kind == "can" else [0, 0, com]))
+    tangent = share * 0.02 * (BETWEEN if kind == "ball" else 1 / along[0]) * R / (R + com)
+    assembly = replace(scenes.on_floor(body), gravity=G * (tangent * along - [0, 0, 1]), rolling=0.02)
+    (found,) = rolling(analysis := Analysis.of(assembly))
+    downhill = np.sign(share) * (along if kind == "ball" else np.array([1.0, 0, 0]))
+    point = body.com_in_world - np.sqrt(R**2 - com**2) * downhill
+    push = Push(kind, point, downhill)
+    assert found.force == pytest.approx(assess(analysis, [push]).results[0].robustness, rel=1e-3)
+    assert found.force < 0.6 * 0.02 * G
+
+
+def test_the_null_space_of_many_rows_takes_little_memory():
+    rows = np.zeros((200_000, 6))
+    rows[1000:1003, :3] = np.eye(3)
+    rows[5000:5100] = [1.0, 2.0, 3.0, 1.0, 0.0, 0.0]
+    free = null_space(rows)  # a full decomposition would have 300 GB
+    assert np.abs(rows @ free).max() < 1e-9
+    np.testing.assert_allclose(free.T @ free, np.eye(2), atol=1e-12)
+
+
+def test_a_deadline_ends_the_search_for_what_rolls():
+    analysis = Analysis.of(scenes.on_floor(rolls.can(), rolls.ball(x=0.5)))
+    assert analysis.stability().stable
+    assert rolling(analysis, Deadline.after(0.0)) == ()
+    assert rolling_findings(analysis, Deadline.after(0.0)) == ()
+    assert len(rolling_findings(analysis)) == 2
 
 
 def test_more_bodies_than_are_asked_together_are_asked_one_by_one():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rolling_scenes as rolls
 
-from poise.assembly import acceleration_limits
+from poise.assembly import FrictionPair, RigidObject, Sphere, acceleration_limits
 
 pytest.importorskip("mujoco")
 
@@ -28,6 +28,17 @@ def test_mujoco_holds_round_bodies_below_the_limit_and_moves_them_above_it(kind,
     limit = float(acceleration_limits(assembly, way[None], turning=False).limits[0])
     assert benchmark.travel(assembly, 0.9 * limit * way, tmp_path / "scene.xml", 0.5) < 2e-4
     assert benchmark.travel(assembly, 1.1 * limit * way, tmp_path / "scene.xml", 0.5) > 1e-3
+
+
+@pytest.mark.parametrize("pairs", [(), (FrictionPair(("low", "ball"), 0.5),)])
+def test_mujoco_gives_a_ball_on_a_ball_the_resistance_of_both_curvatures(pairs, tmp_path):
+    low = RigidObject("low", Sphere(2 * rolls.R), scenes.pose((0, 0, 2 * rolls.R)), fixed=True)
+    assembly = replace(scenes.on_floor(low, rolls.ball(z=5 * rolls.R)), rolling=0.05, friction_pairs=pairs)
+    way = np.array([1.0, 0, 0])
+    limit = float(acceleration_limits(assembly, way[None], turning=False).limits[0])
+    assert limit == pytest.approx(0.05 * 2 / 3 * scenes.G, rel=1e-6)
+    assert benchmark.travel(assembly, 0.9 * limit * way, tmp_path / "scene.xml", 0.5) < 1e-3
+    assert benchmark.travel(assembly, 1.1 * limit * way, tmp_path / "scene.xml", 0.5) > 2e-3
 
 
 @pytest.mark.parametrize("number", range(18))

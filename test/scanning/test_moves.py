@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from poise.errors import ErrorCode, InputError
 from poise.fake_robots.depth_noise import D435
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import scan
+from poise.scanning.moves import ObjectMove
 
 VOLUME = float(np.prod(BRICK))
 PUSHED_AT = 11
@@ -105,6 +107,17 @@ def test_an_object_at_rest_has_not_moved(noise):
 def test_at_rest_before_a_stereo_camera_it_has_not_moved_either():
     assert not reported(scan(brick_views()))
     assert not reported(scan(foreign(brick_views(), 0.0, seed=8)))
+
+
+def test_a_move_that_leaves_nothing_to_see_does_not_spoil_views_that_agree(monkeypatch):
+    """With the views before, the table would lean by 40 degrees: no level plane is found."""
+    views = brick_views()
+    lean = Rotation.from_euler("x", 40, degrees=True).as_matrix()
+    wrong = ObjectMove(views[-1].frame.stamp, 5.0, lean, np.zeros(3), 0.02, 0.0)
+    monkeypatch.setattr(import_module("poise.scanning.scan"), "find_move", lambda views, footprint: wrong)
+    found = scan(views)
+    assert not reported(found)
+    assert found.segmented().solid.volume == pytest.approx(VOLUME, rel=0.1)
 
 
 def test_frames_that_stop_halfway_leave_a_volume_that_knows_it():

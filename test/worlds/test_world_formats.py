@@ -1,6 +1,7 @@
 """Worlds of other programs: each format against its own simulator, and scenes that come back as they were."""
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -114,6 +115,23 @@ def test_what_a_format_cannot_express_is_said_and_pairs_of_mjcf_come_back(tmp_pa
     back, _ = read_world(tmp_path / "world.xml")
     assert back.friction_between("floor", "crate") == pytest.approx(0.7)
     assert back.friction_between("crate", "can") == pytest.approx(0.4)
+
+
+def test_round_bodies_that_touch_have_a_pair_in_mjcf_and_no_others(tmp_path: Path) -> None:
+    """Rolling resistance between radii a and b is that of 1 / (1 / a + 1 / b); MuJoCo would take the larger one."""
+    places = {"low": 0.05, "high": 0.15, "far": 5.0, "named": 0.25}
+    balls = [
+        RigidObject(name, Sphere(0.05), Pose(np.eye(3), np.array([0, 0, z])), mass=1.0) for name, z in places.items()
+    ]
+    floor = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)
+    named = FrictionPair(("high", "named"), 0.3, rolling=0.08)
+    write_world(Assembly((floor, *balls), rolling=0.04, friction_pairs=(named,)), tmp_path / "world.xml")
+    contact = ElementTree.parse(tmp_path / "world.xml").getroot().find("contact")
+    assert contact is not None
+    levers = {
+        (pair.attrib["geom1"], pair.attrib["geom2"]): float(pair.attrib["friction"].split()[-1]) for pair in contact
+    }
+    assert levers == pytest.approx({("high", "named"): 0.08 * 0.025, ("low", "high"): 0.04 * 0.025})
 
 
 def test_a_world_of_gazebo_is_read_with_frames_welds_and_includes(tmp_path: Path) -> None:

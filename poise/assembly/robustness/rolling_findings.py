@@ -3,14 +3,19 @@
 import numpy as np
 
 from poise.assembly.scene import SceneFinding
-from poise.assembly.statics import Analysis, Deadline, Rolling, rolling
+from poise.assembly.statics import NO_DEADLINE, Analysis, Deadline, Rolling, rolling
 
 _NAMED = 4
 
 
-def rolling_findings(analysis: Analysis) -> tuple[SceneFinding, ...]:
-    """What can roll, of all that was found to stand so far; one finding for what rolls together. See `rolling`."""
-    found = rolling(analysis, Deadline.after(0.0))
+def rolling_findings(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> tuple[SceneFinding, ...]:
+    """What can roll, of all that was found to stand so far; one finding for what rolls together. See `rolling`.
+
+    Args:
+        analysis: of the assembly.
+        deadline: what is found until then is said.
+    """
+    found = rolling(analysis, deadline, only_known=True)
     return tuple(SceneFinding(_sentence(each), _evidence(each)) for each in found)
 
 

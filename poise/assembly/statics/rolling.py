@@ -10,8 +10,8 @@ from poise.assembly.contact import FIXED_NODE, Interface
 from poise.assembly.statics.analysis import Analysis, BlockAnalysis
 from poise.assembly.statics.block import BlockGeometry, block_geometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.geometry import plane_axes
-from poise.types import Array, Mask
+from poise.geometry import plane_axes, unit
+from poise.types import Array, Indices, Mask
 
 _FREE = 1e-7
 """Singular values, rates and motions below this, in the block's units, are 0."""
@@ -41,25 +41,30 @@ class Rolling:
     coefficient: float
 
 
-def rolling(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> tuple[Rolling, ...]:
+def rolling(analysis: Analysis, deadline: Deadline = NO_DEADLINE, only_known: bool = False) -> tuple[Rolling, ...]:
     """Everything that stands, but can roll.
 
     A motion counts when nothing slides or parts at an interface that presses at rest, nothing gets nearer at one that
     only touches, and something rolls: the first contact force that it meets is rolling resistance. So a cylinder
     between two chocks that touch it cannot roll; with one chock, or with gaps, it can.
+
+    Args:
+        analysis: of the assembly.
+        deadline: what is found until then is returned.
+        only_known: look only at what was found to stand so far; otherwise that is computed first.
     """
-    return tuple(found for block in analysis.blocks for found in _of_block(block, deadline))
+    return tuple(found for block in analysis.blocks for found in _of_block(block, deadline, only_known))
 
 
-def _of_block(block: BlockAnalysis, deadline: Deadline) -> Iterator[Rolling]:
+def _of_block(block: BlockAnalysis, deadline: Deadline, only_known: bool) -> Iterator[Rolling]:
     if all(interface.touch is None for interface in block.interfaces):
         return
-    standing, known = block.solvers.standing(deadline)
+    standing, known = block.solvers.standing(Deadline.after(0.0) if only_known else deadline)
     if not known or standing.margin <= 0:
         return
     objects, members = block.structure.assembly.objects, block.block.members
     groups: list[set[int]] = []
-    for moved in _moved_bodies(block):
+    for moved in _moved_bodies(block, deadline):
         joined = moved.union(*(group for group in groups if group & moved))
         groups = [group for group in groups if not group & moved] + [joined]
     for group in groups:
@@ -70,31 +75,44 @@ def _of_block(block: BlockAnalysis, deadline: Deadline) -> Iterator[Rolling]:
         yield Rolling(names, equilibrium, force, min(interface.rolling for interface in on))
 
 
-def _moved_bodies(block: BlockAnalysis) -> Iterator[set[int]]:
-    """Bodies of a block that move together in each way of rolling."""
+def _moved_bodies(block: BlockAnalysis, deadline: Deadline) -> Iterator[set[int]]:
+    """Bodies of a block that move together in each way of rolling, as far as found before the deadline."""
     geometry = _without_resistance(block)
     pressed = np.ones(len(block.interfaces), dtype=bool)
     if not geometry.statically_determinate:
         pressed = block.solvers.coulomb.pressed_at_rest
-    moving = geometry.grasp.toarray().T.reshape(-1, 3, geometry.count, 6)
-    presses, seen = pressed[geometry.interface], set[int]()
-    rolling_rates = list(_rolling_rates(block, geometry, pressed))
+    motions, seen = geometry.grasp.T.tocsr(), set[int]()
+    sides = list(_round_sides(block, geometry, pressed))
     everything = np.arange(geometry.count)
-    for asked in [everything] if geometry.count <= _MANY else everything[:, None]:
-        columns = moving[:, :, asked].reshape(len(moving), 3, -1)
+    together = geometry.count <= _MANY
+    for asked in [everything] if together else everything[:, None]:
+        rolls = sides if together else [side for side in sides if int(asked[0]) in side.bodies]
+        if not rolls:
+            continue
+        if deadline.passed:
+            return
+        at = np.flatnonzero(np.isin(geometry.bodies, asked).any(axis=1))
+        columns = motions[_places(3, at)][:, _places(6, asked)].toarray().reshape(len(at), 3, -1)
+        presses = pressed[geometry.interface[at]]
         free = _null_space(columns[presses].reshape(-1, columns.shape[2]))
         parting = columns[~presses, 0] @ free
-        for bodies, rates in rolling_rates:
-            ways = rates[:, asked].reshape(len(rates), -1) @ free
-            for way in (sign * way for way in ways for sign in (1.0, -1.0)):
-                if bodies & seen or float(np.linalg.norm(way)) < _FREE:
+        for side in rolls:
+            for way in (sign * way for way in side.rates(asked) @ free for sign in (1.0, -1.0)):
+                if side.bodies & seen or float(np.linalg.norm(way)) < _FREE:
                     continue
+                if deadline.passed:
+                    return
                 motion = _most(way, parting)
                 if motion is not None:
                     speeds = np.linalg.norm((free @ motion).reshape(-1, 6), axis=1)
                     moved = set(asked[speeds > _MOVES * speeds.max()].tolist())
                     seen |= moved
                     yield moved
+
+
+def _places(each: int, numbers: Indices) -> Indices:
+    """Rows of things (N,) that have so many rows each."""
+    return np.asarray((each * numbers[:, None] + np.arange(each)).ravel())
 
 
 def _without_resistance(block: BlockAnalysis) -> BlockGeometry:
@@ -105,26 +123,49 @@ def _without_resistance(block: BlockAnalysis) -> BlockGeometry:
 
 def _null_space(rows: Array) -> Array:
     """(N, k) orthonormal motions that rows (R, N) do not notice."""
+    rows = rows[np.any(rows != 0, axis=1)]
     if not len(rows):
         return np.eye(rows.shape[1])
+    if len(rows) > rows.shape[1]:  # a full decomposition would have (R, R) numbers
+        rows = np.linalg.qr(rows).R
     _, values, right = np.linalg.svd(rows, full_matrices=True)
     rank = int(np.count_nonzero(values > _FREE * max(float(values.max()), 1.0)))
     return np.asarray(right[rank:].T)
 
 
-def _rolling_rates(block: BlockAnalysis, geometry: BlockGeometry, pressed: Mask) -> Iterator[tuple[set[int], Array]]:
-    """For each round side that presses, the bodies at it and the rows (1 or 2, n, 6) of its rates of rolling."""
+@dataclass(frozen=True, eq=False)
+class _RoundSide:
+    """A round side that presses.
+
+    Args:
+        first, second: bodies on both sides of it, or FIXED_NODE.
+        axes: (1 or 2, 3) about which it rolls.
+    """
+
+    first: int
+    second: int
+    axes: Array
+
+    @property
+    def bodies(self) -> set[int]:
+        return {self.first, self.second} - {FIXED_NODE}
+
+    def rates(self, asked: Indices) -> Array:
+        """(1 or 2, 6 n) rows of its rates of rolling when only these bodies (n,) move."""
+        rates = np.zeros((len(self.axes), len(asked), 6))
+        for body, sign in ((self.first, -1.0), (self.second, 1.0)):
+            rates[:, asked == body, 3:] += sign * self.axes[:, None]
+        return rates.reshape(len(rates), -1)
+
+
+def _round_sides(block: BlockAnalysis, geometry: BlockGeometry, pressed: Mask) -> Iterator[_RoundSide]:
     for number in np.flatnonzero(pressed).tolist():
         interface = block.interfaces[number]
-        if interface.touch is None:
-            continue
-        across, normal = interface.touch.across, interface.normal
-        axes = plane_axes(normal) if across is None else np.cross(normal, across)[None]
-        rates = np.zeros((len(axes), geometry.count, 6))
-        for side, sign in zip(geometry.supports[number].tolist(), (-1.0, 1.0), strict=True):
-            if side != FIXED_NODE:
-                rates[:, side, 3:] += sign * axes
-        yield set(geometry.supports[number].tolist()) - {FIXED_NODE}, rates
+        if interface.touch is not None:
+            across, normal = interface.touch.across, interface.normal
+            axes = plane_axes(normal) if across is None else np.cross(normal, across)[None]
+            first, second = geometry.supports[number].tolist()
+            yield _RoundSide(first, second, axes)
 
 
 def _most(rate: Array, parting: Array) -> Array | None:
@@ -154,7 +195,38 @@ def _on_one_side(block: BlockAnalysis, interface: Interface) -> tuple[str, float
         return "neutral", np.nan
     height = abs(float((com - touch.points.mean(axis=0)) @ interface.normal))
     radius = float(touch.radii.mean())
-    force = block.geometry.units.weight * interface.rolling * radius / height if height > 0 else np.inf
+    force = _starting_force(block, interface, com)
     if abs(height - radius) <= _NEUTRAL * radius:
         return "neutral", force
     return ("stable" if height < radius else "unstable"), force
+
+
+def _starting_force(block: BlockAnalysis, interface: Interface, com: Array) -> float:
+    """N along the surface at the centre of mass (3,), downhill if there is a slope, that starts what rests there.
+
+    The line of the load through the centre of mass then meets the surface at the edge of the region in which rolling
+    resistance lets the contact force act. On a slope it is nearer to that edge from the beginning.
+    """
+    touch, normal, gravity = interface.touch, interface.normal, np.asarray(block.structure.assembly.gravity)
+    if touch is None or interface.rolling == 0:
+        return 0.0
+    down, middle = unit(gravity), touch.points.mean(axis=0)
+    height, pressing = float((com - middle) @ normal), float(down @ normal)
+    foot = com - height / pressing * down
+    aside = foot - middle if touch.across is None else (foot - middle) @ touch.across * touch.across
+    if np.linalg.norm(aside) > _FREE * touch.radii.mean():
+        way = unit(aside)
+    else:
+        way = plane_axes(normal)[0] if touch.across is None else touch.across
+    reach = _reach(interface.points, normal, foot, way)
+    return block.geometry.units.weight * abs(pressing) * reach / abs(height) if height else np.inf
+
+
+def _reach(corners: Array, normal: Array, start: Array, way: Array) -> float:
+    """m from a point in a convex polygon (K, 3) along its plane to its edge; 0 for a point outside."""
+    outwards = np.cross(np.roll(corners, -1, axis=0) - corners, normal)
+    outwards *= np.sign(np.sum(outwards * (corners - corners.mean(axis=0)), axis=1))[:, None]
+    ahead = outwards @ way
+    met = ahead > _FREE * np.linalg.norm(outwards, axis=1)
+    beyond = np.sum(outwards * (corners - start), axis=1)
+    return max(0.0, float(np.min(beyond[met] / ahead[met])))
