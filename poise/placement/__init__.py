@@ -25,7 +25,7 @@ from poise.placement.planner import (
 from poise.placement.refusals import cause_of, no_placement
 from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
 from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
-from poise.placement.sequence import PlacementSequence, plan_sequence
+from poise.placement.sequence import PlacementSequence, plan_sequence, require_distinct
 from poise.placement.steadiness import Steady, rise_to_tip, tipping_rise
 from poise.placement.uncertainty import Uncertainty
 from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, kept_free, require_new
@@ -58,6 +58,7 @@ __all__ = [
     "no_placement",
     "plan_placement",
     "plan_sequence",
+    "require_distinct",
     "require_new",
     "rise_to_tip",
     "steady_faces",

@@ -82,9 +82,7 @@ def plan_sequence(
         CancelledError: CANCELLED.
     """
     start = time.monotonic()
-    ids = [item.id for item in items]
-    if not items or len(set(ids)) < len(ids):
-        raise InputError(ErrorCode.BAD_INPUT, f"objects to place: {ids}; name at least one, and each once")
+    ids = require_distinct(items)
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     rng = np.random.default_rng(seed)
@@ -101,6 +99,18 @@ def plan_sequence(
     if not orders_found:
         raise _no_order(ids, [placement.item.id for placement in most])
     return PlacementSequence(tuple(_best(orders_found, options, start)), time.monotonic() - start)
+
+
+def require_distinct(items: Sequence[RigidObject]) -> list[str]:
+    """The ids of objects to place.
+
+    Raises:
+        InputError: BAD_INPUT for none, or an id that is given twice.
+    """
+    ids = [item.id for item in items]
+    if not items or len(set(ids)) < len(ids):
+        raise InputError(ErrorCode.BAD_INPUT, f"objects to place: {ids}; name at least one, and each once")
+    return ids
 
 
 def _best(orders: list[list[Placement]], options: Options, start: float) -> list[Placement]:

@@ -124,6 +124,15 @@ class FrameTree:
         pose = stream.rotation_parent_child, stream.translation_parent_child
         return self.add(stream.stamps, stream.parent, stream.child, *pose, fixed=len(stream) == 1)
 
+    def add_mounting(self, mounting: Mounting) -> bool:
+        """Add a pose that does not change.
+
+        Raises:
+            InputError: as `add`.
+        """
+        pose = mounting.rotation[None], mounting.translation[None]
+        return self.add([0], mounting.parent, mounting.child, *pose, fixed=True)
+
     @property
     def frames(self) -> tuple[str, ...]:
         """Every frame that has a parent."""

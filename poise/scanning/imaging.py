@@ -127,8 +127,8 @@ class _Paint:
         key = colour_frame, depth_frame
         if key not in self._poses:
             tree = FrameTree(one_parent=False, keep=False)
-            for one in self._fixed:
-                tree.add([0], one.parent, one.child, one.rotation[None], one.translation[None], fixed=True)
+            for mounting in self._fixed:
+                tree.add_mounting(mounting)
             same = Pose.identity() if colour_frame == depth_frame else None
             self._poses[key] = same or tree.pose(depth_frame, colour_frame)
         return self._poses[key]

@@ -98,8 +98,7 @@ def place_by_tf(
         for one in transforms:
             tree.add_stream(one)
         for mounting in fixed:
-            pose = mounting.rotation[None], mounting.translation[None]
-            tree.add([0], mounting.parent, mounting.child, *pose, fixed=True)
+            tree.add_mounting(mounting)
     top = base or trees[0].top(name)
     if top == name:
         raise InputError(ErrorCode.FRAME_UNKNOWN, f"tf says nothing of the camera's frame {name!r}: record tf")

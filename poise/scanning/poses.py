@@ -44,7 +44,7 @@ def hand_eye_of(description: str, camera_frame: str, fixed: Sequence[Mounting]) 
     """
     links, tree = parse_urdf(description).links, FrameTree(one_parent=False, keep=False)
     for mounting in fixed:
-        tree.add([0], mounting.parent, mounting.child, mounting.rotation[None], mounting.translation[None], fixed=True)
+        tree.add_mounting(mounting)
     for frame, pose in tree.ancestors(camera_frame).items():
         if frame in links:
             return Mounting(pose.rotation, pose.translation, frame, camera_frame)

@@ -87,10 +87,7 @@ class SceneLimits:
     @cached_property
     def rough(self) -> AccelerationLimits:
         """The limits without slipping."""
-        pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in self.scene.friction_pairs)
-        friction = _ROUGH if self.scene.friction is not None else None
-        never = replace(self.scene, friction=friction, friction_pairs=pairs)
-        return acceleration_limits(never, _AROUND, turning=False)
+        return acceleration_limits(_roughened(self.scene), _AROUND, turning=False)
 
     def slips(self, acceleration: Array) -> bool:
         """Whether an acceleration (3,) that grows lets something slip before it tips."""
@@ -112,10 +109,14 @@ def mode_at(scene: Assembly, acceleration: Array) -> tuple[str, tuple[str, ...]]
     if not analysis.stability().stable:
         return "tip", ()
     found = acceleration_limits(analysis, asked, turning=False)
-    pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
-    rough = replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
-    tips = acceleration_limits(rough, asked, turning=False).limits[0]
+    tips = acceleration_limits(_roughened(scene), asked, turning=False).limits[0]
     return ("slip" if found.limits[0] < _SLIPS * tips else "tip"), found.first_to_move[0]
+
+
+def _roughened(scene: Assembly) -> Assembly:
+    """A scene in which nothing slips."""
+    pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
+    return replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
 
 
 def _directions(acceleration: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
-from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import Pose
 from poise.placement import (
     CancelledError,
@@ -21,6 +21,7 @@ from poise.placement import (
     Upright,
     Validator,
     cause_of,
+    require_distinct,
     require_new,
 )
 from poise.placement.packing.arranging import Arrangement, Packer, Rule, Spot, drawn_orders
@@ -118,8 +119,7 @@ def pack(
         CancelledError: CANCELLED.
     """
     start = time.monotonic()
-    if not items or len({item.id for item in items}) < len(items):
-        raise InputError(ErrorCode.BAD_INPUT, "give one object or more, each with an id of its own")
+    require_distinct(items)
     analysis = Analysis.of(assembly)
     for item in items:
         require_new(analysis.assembly.objects, item)
