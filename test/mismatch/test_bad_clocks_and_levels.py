@@ -74,7 +74,7 @@ def test_effects_that_fit_equally_well_share_the_belief() -> None:
 
 def test_an_answer_that_no_sample_could_test_leaves_all_of_the_error() -> None:
     """Without a held-out sample the errors are NaN, and so was the probability of every name."""
-    proof = HeldOutProof(1.0, 3.0, 1.0, 3.0, np.zeros((3, 6)), np.ones(6))
+    proof = HeldOutProof(1.0, 3.0, 1.0, 3.0, 3.0, np.zeros((3, 6)), np.ones(6))
     assert _misfit(proof, 0.0) == 0.0
     for unknown in (replace(proof, nominal=np.nan, augmented=np.nan), replace(proof, augmented=np.nan)):
         assert _misfit(unknown, 0.0) == 1.0

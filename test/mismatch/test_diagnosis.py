@@ -109,3 +109,24 @@ def test_the_same_recording_gives_the_same_answer() -> None:
     case, recorded, found = examined("mass_step")
     again = diagnose(recorded, case.model)
     assert [finding.values for finding in again.findings] == [finding.values for finding in found.findings]
+
+
+@pytest.mark.parametrize("name", ["", "mass_step"])
+def test_readings_beyond_the_sensors_range_say_only_that_the_load_is_no_smaller(name: str) -> None:
+    """Most readings of one axis are at the limit; calibration errors and other effects are taken from the rest."""
+    case, recorded, _ = examined(name)
+    limit = float(np.quantile(np.abs(recorded.wrench[:, 2]), 0.4))
+    forces = np.clip(recorded.wrench[:, :3], -limit, limit)
+    clipped = replace(recorded, wrench=np.hstack([forces, recorded.wrench[:, 3:]]))
+    found = diagnose(clipped, case.model)
+    assert {each.effect.name for each in found.findings} == {"saturation", *([name] if name else [])}
+    assert found.unknown is None
+    (saturated,) = (each for each in found.findings if each.effect.name == "saturation")
+    assert saturated.values["force_limit"] == limit
+    proof = found.main.proof
+    assert proof.augmented < 1.1
+    assert proof.nominal > 2.0
+    # The limit in the model is not found again; a step of the mass belongs to its recording.
+    again = diagnose(clipped, found.augmented)
+    assert [each.effect.name for each in again.findings] == ([name] if name else [])
+    assert again.unknown is None

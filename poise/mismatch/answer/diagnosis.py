@@ -211,7 +211,8 @@ def diagnose(
     begin = time.perf_counter()
     if not (recorded.has("wrench") or recorded.has("effort")):
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "there is no wrench and no usable joint effort to examine")
-    recorded = with_model_effects(recorded, model.effects)
+    # Readings at a limit of the model are told from the others; clipped predictions would hide what acts before it.
+    recorded = with_model_effects(recorded, [each for each in model.effects if each.name != "saturation"])
     signals = ["wrench"] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
         signals.append("effort")
@@ -246,14 +247,14 @@ def _efforts(recorded: RecordedMotion, model: NominalModel, examined: Sequence[S
             names_given = {each.effect.name for each in one.findings}
             named = [part for part in one.best.parts if part.effect.name in names_given]
             explained = one.problem.predicted(one.problem.compose(named)[1]) + one.best.calibrated
-            recorded = with_rest(recorded, one.problem.measured - explained)
+            recorded = with_rest(recorded, one.problem.unexplained(explained))
     return effort_problem(recorded, model, frozenset(widened))
 
 
 def _misfit(proof: HeldOutProof, excess: float) -> float:
     """Share of the nominal model's error that an answer leaves; all of it where no sample was held out to show it."""
     left = np.max([proof.augmented**2 - 1.0 - _ALLOWED, excess, 0.0])  # NaN stays
-    misfit = float(left) / max(proof.nominal**2 - 1.0, _LEAST)
+    misfit = float(left) / max(proof.in_range**2 - 1.0, _LEAST)
     return min(misfit, 1.0) if np.isfinite(misfit) else 1.0
 
 
@@ -284,7 +285,7 @@ def _examined(
             model, final, best, proof = tried
             instead = replacements(state, model.fit)
     nominal = fit(final, ()) if best.parts else best
-    detected = shown_effects(final, library)
+    detected = shown_effects(final, best, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     left = unknown_physics(final, best, rest)
     beside = "" if left is None else next(iter(left.depends_on), "time")
@@ -352,5 +353,6 @@ def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
 
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
     """(C,) one sigma of the rounding of the readings; 0 without rounding."""
-    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in detected]
+    rounded = [each for each in detected if each.effect.name == "quantisation"]
+    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in rounded]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0

@@ -87,12 +87,13 @@ def named_effects(
     return sorted(found, key=lambda each: -each.belief.probability)
 
 
-def shown_effects(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffect]:
-    """Effects that the readings alone show, and that the model does not have already."""
+def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect] | None) -> list[NamedEffect]:
+    """Effects that the readings show beside the prediction of the best fit, and that the model does not have."""
     known = {component.name for component in problem.model.effects}
+    recorded = problem.with_prediction(problem.recorded, problem.predicted(problem.recorded) + best.response)
     found = []
     for effect in all_effects() if library is None else library:
-        values = effect.detected(problem.recorded) if effect.signal == problem.signal and effect.direct else None
+        values = effect.detected(recorded) if effect.signal == problem.signal and effect.direct else None
         if values is not None and effect.name not in known:
             parameters = effect.parameters(problem.recorded)
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])

@@ -54,7 +54,8 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     scaled = (residual / problem.noise.total)[rows]
     seconds = problem.seconds[rows]
     # A few spikes are no structure: residuals are limited to five sigmas.
-    excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
+    free = max(float(problem.free[rows].sum()), 1.0)
+    excess = float(np.sum(np.clip(scaled, -5.0, 5.0) ** 2)) / free - 1.0
     loud = _louder_when_fast(problem, residual)
     chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.band.sum())))
     allowed = _MATERIAL + chance + float(np.mean((rounding / problem.noise.sigma) ** 2))

@@ -14,6 +14,7 @@ from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
+from poise.mismatch.effects.saturation import limited_readings
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.registry import entries_of
@@ -34,6 +35,7 @@ __all__ = [
     "effect_named",
     "joint_columns",
     "joint_unit",
+    "limited_readings",
     "numbered_joints",
     "rotation_columns",
     "slow_part",

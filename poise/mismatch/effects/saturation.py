@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array, Mask
 
 _GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
@@ -13,14 +13,20 @@ _HIGHEST = 1e4
 """N or N m: a limit that is never reached."""
 _FEWEST = 8
 """Readings at exactly one extreme value that chance does not explain."""
+_BEYOND, _SIGMAS = 0.9, 3.0
+"""Share of these readings at which the load reaches the limit as the model predicts it, within so many sigmas."""
 
 
 class Saturation(Effect):
-    """w_read = clip(w, -limit, limit), the three forces with one limit, the three torques with another."""
+    """w_read = clip(w, -limit, limit), the three forces with one limit, the three torques with another.
+
+    The readings show it. A reading at its limit says only that the load is no smaller: see `limited_readings`.
+    """
 
     name = "saturation"
     layer = "sensor"
     fast = True
+    direct = True
     equation = "w_read = min(max(w, -limit), limit)"
     source = "a converter's or amplifier's range (ATI manual 9620-05-DAQ: saturated gauges)"
     excited_by = "the largest loads"
@@ -36,21 +42,26 @@ class Saturation(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Readings that stay at one extreme value; without any there is no saturation."""
         del residual
-        found = {name: plateau(recorded.wrench[:, part]) or _HIGHEST for name, _, part in _GROUPS}
-        if min(found.values()) < _HIGHEST:
-            yield found
+        if limited_readings(recorded) is not None:
+            yield _limits(recorded)
+
+    def detected(self, recorded: RecordedMotion) -> Values | None:
+        """The limits, where the predicted load goes on while the readings stay at them."""
+        limited = limited_readings(recorded)
+        if limited is None:
+            return None
+        beyond = recorded.prediction * np.sign(recorded.wrench) - np.abs(recorded.wrench)
+        steps = [lattice(recorded.wrench[:, part]) for _, _, part in _GROUPS]
+        noise = np.maximum(white_level(recorded.wrench - recorded.prediction).reshape(2, 3).max(axis=1), steps)
+        sizes = (beyond / np.repeat(noise, 3))[limited]
+        if np.mean(sizes > -_SIGMAS) < _BEYOND or np.mean(sizes) < 1.0:
+            return None
+        return _limits(recorded)
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
-
-    @staticmethod
-    def passes(recorded: RecordedMotion, values: Values) -> Mask:
-        """(N, 6) False where the reading is at its limit and carries no information."""
-        limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
-        return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
@@ -58,10 +69,28 @@ class Saturation(Effect):
         return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
 
 
+def limited_readings(recorded: RecordedMotion, known: Values | None = None) -> Mask | None:
+    """(N, 6) True where a reading is at the end of the sensor's range; None where no reading is.
+
+    Args:
+        recorded: the recording.
+        known: the parameters of a limit that the model states; None: the readings show it.
+    """
+    limits = _limits(recorded) if known is None else known
+    each = np.repeat([limits.get(name, _HIGHEST) for name, _, _ in _GROUPS], 3)
+    at_limit = np.abs(recorded.wrench) >= each * (1.0 - 1e-9)
+    return at_limit if at_limit.any() else None
+
+
+def _limits(recorded: RecordedMotion) -> Values:
+    """The limits that the readings show; the highest ones where they show none."""
+    return {name: plateau(recorded.wrench[:, part]) or _HIGHEST for name, _, part in _GROUPS}
+
+
 def plateau(values: Array) -> float:
     """The largest magnitude when more readings are at it than chance explains, else 0.
 
-    Readings that are rounded repeat too: there must be far more at the limit than on any step just below it.
+    Readings that are rounded repeat too: far more must be at the limit than at any other value.
 
     Args:
         values: (N, C) channels with the same limit.
@@ -71,6 +100,8 @@ def plateau(values: Array) -> float:
         return 0.0
     limit = float(size.max())
     at_limit = int((size > limit * (1.0 - 1e-9)).sum())
-    below = size[(size > 0.97 * limit) & (size <= limit * (1.0 - 1e-9))]
+    if at_limit < _FEWEST:
+        return 0.0
+    below = size[size <= limit * (1.0 - 1e-9)]
     crowd = int(np.unique(np.round(below / limit, 9), return_counts=True)[1].max()) if len(below) else 0
-    return limit if at_limit >= max(_FEWEST, 3 * crowd) else 0.0
+    return limit if at_limit >= 3 * crowd else 0.0

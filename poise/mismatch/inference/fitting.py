@@ -268,7 +268,7 @@ def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> Line
     return LinearizationPoint(
         about.regression(1.0),
         about.whole,
-        problem.measured - problem.predicted(about.whole) - calibrated,
+        problem.unexplained(problem.predicted(about.whole) + calibrated),
     )
 
 

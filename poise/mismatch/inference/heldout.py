@@ -27,6 +27,7 @@ class HeldOutProof:
         floor: of the augmented model on the samples that it was fitted to.
         nominal, augmented: on the others; both with calibration errors fitted elsewhere, within their tolerances.
         as_given: of the nominal model without calibration.
+        in_range: of the nominal model, where a reading at the end of the sensor's range is no error.
         by_channel: (3, C) nominal, augmented and as given, in the signal's units.
         signal: (C,) root mean square of the measured signal on the same samples.
     """
@@ -35,6 +36,7 @@ class HeldOutProof:
     nominal: float
     augmented: float
     as_given: float
+    in_range: float
     by_channel: Array
     signal: Array
 
@@ -46,7 +48,7 @@ class HeldOutProof:
     @property
     def worse(self) -> bool:
         """Whether the effects increase the error, by more than the resolution of its estimate."""
-        return self.augmented > (1.0 + _EQUAL) * self.nominal
+        return self.augmented > (1.0 + _EQUAL) * self.in_range
 
 
 def relative_error(error: Array, signal: Array) -> Array:
@@ -81,15 +83,17 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     seconds = problem.seconds
     fixed = [part for part in best.parts if _happens_in(problem, part, seconds[last])]
     learnt = [part for part in best.parts if part not in fixed and part not in over]
-    past = problem.measured - _response(problem, over)
-    measured = past - _response(problem, fixed)
+    gone = problem.predicted(problem.recorded) + _response(problem, over)
+    known = gone + _response(problem, fixed)
+    past, measured = (problem.measured - each + problem.predicted(problem.recorded) for each in (gone, known))
     before, train = (_reading(replace(problem, judged=~last), each) for each in (past, measured))
     plain, full = fit(thinned(before.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
-    given = problem.measured - problem.predicted(problem.recorded)
+    nominal = gone + plain.response + plain.calibrated
     errors = [
-        past - problem.predicted(problem.recorded) - plain.response - plain.calibrated,
-        measured - problem.predicted(problem.recorded) - full.response - full.calibrated,
-        given,
+        problem.measured - nominal,
+        problem.unexplained(known + full.response + full.calibrated),
+        problem.measured - problem.predicted(problem.recorded),
+        problem.unexplained(nominal),
     ]
     settled = problem.active & problem.settled(best.parts)
     rows = last & settled
@@ -97,9 +101,10 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     sizes = [float(np.sqrt(np.mean((error[rows] / spread[rows]) ** 2))) for error in errors]
     kept = ~last & settled
     floor = float(np.sqrt(np.mean((errors[1][kept] / spread[kept]) ** 2)))
-    by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors])
+    by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors[:3]])
     signal = np.sqrt(np.mean(problem.measured[rows] ** 2, axis=0))
-    return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel, signal)
+    plain_size, full_size, given, in_range = sizes
+    return HeldOutProof(floor, plain_size, full_size, given, in_range, by_channel, signal)
 
 
 def _response(problem: Problem, parts: Sequence[FittedEffect]) -> Array | float:

@@ -107,4 +107,4 @@ def names(found: HypothesisFit) -> tuple[str, ...]:
 
 def residual_of(problem: Problem, found: HypothesisFit) -> Array:
     """(N, C) residual of a fit, calibration errors removed."""
-    return np.asarray(problem.measured - problem.predicted(problem.recorded) - found.response - found.calibrated)
+    return problem.unexplained(problem.predicted(problem.recorded) + found.response + found.calibrated)

@@ -92,14 +92,23 @@ class SignalNoise:
 
     @cached_property
     def log_divisor(self) -> Array:
-        """(N,) logarithm of the divisor of a sample over all channels: minus it is a term of the log likelihood."""
+        """(N, C) logarithm of the divisor of a sample: minus it is a term of the log likelihood."""
         spread = np.stack([np.log(one.deviation) for one in self._filters], axis=1)
-        return np.asarray((np.log(self.sigma) + spread) @ self.band)
+        return np.asarray((np.log(self.sigma) + spread) * self.band)
 
     @cached_property
     def total(self) -> Array:
         """(N, C) one sigma of the white and the coloured part together."""
         return np.asarray(np.sqrt(self.share + self._gain**2) * self.sigma)
+
+    def with_channel(self, number: int, other: "SignalNoise") -> "SignalNoise":
+        """The noise with one channel as the only one of another noise model."""
+        arrays = {}
+        for name in ("sigma", "share", "band"):
+            arrays[name] = getattr(self, name).copy()
+            arrays[name][number] = getattr(other, name)[0]
+        colours = (*self.colours[:number], other.colours[0], *self.colours[number + 1 :])
+        return replace(self, colours=colours, block=max(self.block, other.block), **arrays)
 
     def uncoloured(self) -> "SignalNoise":
         """White noise, constant in time, of the same spectral density at low frequencies."""

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects import LAYERS, Effect, Values
+from poise.mismatch.effects import LAYERS, Effect, Values, limited_readings
 from poise.mismatch.inference.calibration import NORMAL_PRECISION, CalibrationGroup, calibration, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
@@ -23,6 +23,8 @@ _GAP, _GAP_PERIODS, _AFTER_GAP = 0.05, 4.0, 0.15
 gap, filters know their input only by interpolation."""
 _RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not compared."""
+_FEWEST_FREE = 100
+"""Readings within the sensor's range that show the noise of a channel."""
 _BEST_MODEL = 0.002
 """Share of a channel's standard deviation below which no model predicts it."""
 
@@ -76,6 +78,8 @@ class Problem:
         blocks: averaged samples; None: each sample counts by itself.
         band: (C,) share of independent samples, one for all noise models, so that their likelihoods are comparable.
         widened: calibration groups that exceed their tolerances, as another signal shows.
+        limited: (N, C) readings at the end of the sensor's range; they say only that the load is no smaller. None: no
+            reading is.
     """
 
     recorded: RecordedMotion
@@ -86,6 +90,7 @@ class Problem:
     blocks: SampleBlocks | None = None
     band: Array | None = None
     widened: frozenset[str] = frozenset()
+    limited: Mask | None = None
     _white: dict[int, tuple[CalibrationGroup, Array]] = field(default_factory=dict, init=False, repr=False)
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
         default_factory=list, init=False, repr=False
@@ -133,7 +138,12 @@ class Problem:
     @cached_property
     def log_scale(self) -> float:
         """log of the divisors of the whitening, see `SignalNoise.log_divisor`."""
-        return float(self._judging.log_divisor[self._counting].sum())
+        return float(np.sum((self._judging.log_divisor * self._averaged(self.free))[self._counting]))
+
+    @cached_property
+    def free(self) -> Array:
+        """(N, C) 1 where a reading follows the load, 0 where it is at the end of the sensor's range."""
+        return np.ones(self.measured.shape) if self.limited is None else np.asarray(~self.limited, dtype=np.float64)
 
     @cached_property
     def seconds(self) -> Array:
@@ -198,7 +208,7 @@ class Problem:
         if known is not None:
             return known[1]
         channel = None if group.channel is None else group.channel[group.seen]
-        white = self._kept(self._judging.whiten(self._averaged(group.values[..., group.seen]), channel))
+        white = self._kept(self._judging.whiten(self._freed(group.values[..., group.seen], channel), channel))
         if group.lasting:
             self._white[id(group)] = group, white
         return white
@@ -206,8 +216,14 @@ class Problem:
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
         wide = values if values.ndim == 3 else values[:, :, None]
-        kept = self._kept(self._judging.whiten(self._averaged(wide)))
+        kept = self._kept(self._judging.whiten(self._freed(wide)))
         return kept[0] if values.ndim == 2 else kept
+
+    def _freed(self, values: Array, channel: NDArray[np.intp] | None = None) -> Array:
+        """Averages of values (N, C, k), or (N, k) that act in one channel each, without the limited readings."""
+        if self.limited is not None and len(values) == len(self.free):
+            values = values * (self.free[:, :, None] if channel is None else self.free[:, channel])
+        return self._averaged(values)
 
     def _averaged(self, values: Array) -> Array:
         """(M, ...) means over the blocks of values (N, ...); values of blocks, or without blocks, as they are."""
@@ -236,6 +252,11 @@ class Problem:
         """The problem with another noise model."""
         return replace(self, noise=noise)
 
+    def unexplained(self, prediction: Array) -> Array:
+        """(N, C) measured less a prediction of the signal (N, C); none where a load is beyond the sensor's range."""
+        left = self.measured - prediction
+        return left if self.limited is None else np.where(self.limited & (left * self.measured < 0.0), 0.0, left)
+
     def weighed(self) -> "Problem":
         """The signal as its parameters are estimated: joint efforts by plain least squares in time.
 
@@ -246,7 +267,7 @@ class Problem:
 
     def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
-        return signal_noise(self.recorded, self.model, self.signal, residual, self.active, self.band)
+        return signal_noise(self.recorded, self.model, self.signal, residual, self.active, self.band, self.limited)
 
 
 def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
@@ -265,10 +286,13 @@ def _begun(
     signal: Literal["wrench", "effort"],
     widened: frozenset[str] = frozenset(),
 ) -> Problem:
-    rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal, widened=widened)
+    known = next((each.values for each in model.effects if each.name == "saturation"), None)
+    limited = limited_readings(recorded, known) if signal == "wrench" else None
+    noise = signal_noise(recorded, model, signal, None, limited=limited)
+    rough = Problem(recorded, model, noise, signal, widened=widened, limited=limited)
     groups = rough.groups(recorded)
     fitted = rough.calibrated(groups, rough.regression().coefficients())
-    noise = rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted)
+    noise = rough.fitted_noise(rough.unexplained(rough.predicted(recorded) + fitted))
     return replace(rough, noise=noise, band=noise.band)
 
 
@@ -279,6 +303,7 @@ def signal_noise(
     residual: Array | None,
     active: Mask | None = None,
     band: Array | None = None,
+    limited: Mask | None = None,
 ) -> SignalNoise:
     """Noise of a signal: white of the measured level when `residual` is None, else the most likely noise model."""
     if signal == "wrench" or recorded.effort is None:
@@ -297,9 +322,23 @@ def signal_noise(
         least = np.array([lattice(column) / np.sqrt(12.0) for column in measured.T])
     least = np.maximum(least, _BEST_MODEL * measured.std(axis=0) + 1e-9)
     coarse = signal == "wrench"  # motor currents are finely resolved, and gears knock
-    if residual is None:
-        return fit_noise(seconds, speed, measured - expected, least, motion=motion, white=True, coarse=coarse)
-    rows = slice(None) if active is None else active
-    moved = None if motion is None else motion[rows]
-    found = fit_noise(seconds[rows], speed[rows], residual[rows], least, motion=moved, band=band, coarse=coarse)
+    white = residual is None
+    values = measured - expected if residual is None else residual
+    kept = np.ones(len(values), dtype=bool) if active is None or white else active
+
+    def of(rows: Mask, channels: slice) -> SignalNoise:
+        moved = None if motion is None else motion[rows, channels]
+        known = None if band is None else band[channels]
+        at = values[rows, channels]
+        return fit_noise(
+            seconds[rows], speed[rows], at, least[channels], motion=moved, band=known, white=white, coarse=coarse
+        )
+
+    found = of(kept, slice(None))
+    if limited is not None:
+        # Readings at the end of the range have no noise.
+        for c in np.flatnonzero(limited.any(axis=0)).tolist():
+            rows = kept & ~limited[:, c]
+            if rows.sum() >= _FEWEST_FREE:
+                found = found.with_channel(c, of(rows, slice(c, c + 1)))
     return replace(found, seconds=seconds, speed=speed, motion=motion)

@@ -117,7 +117,7 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
     if not parts:
         return state.fits[()]
     predicted = state.problem.predicted(state.problem.compose(parts)[1])
-    rough = state.problem.with_noise(state.problem.fitted_noise(state.problem.measured - predicted))
+    rough = state.problem.with_noise(state.problem.fitted_noise(state.problem.unexplained(predicted)))
     settled = fit(rough.weighed(), parts, _STEPS)
     problem = state.under(settled)
     best = state.fitted(problem, settled.parts, 0)

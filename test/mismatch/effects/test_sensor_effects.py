@@ -9,7 +9,7 @@ from effect_worlds import NOISE, PAYLOAD, filled, recorded
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.effects.saturation import plateau
+from poise.mismatch.effects.saturation import limited_readings, plateau
 from poise.mismatch.recorded import lattice, load_wrench
 from poise.robot import inertia_of, phi_of
 
@@ -145,9 +145,13 @@ def test_a_limit_is_found_where_readings_stand_at_it_and_nowhere_else():
     seen = replace(at, wrench=read)
     (start,) = effect.starts(seen, read - at.prediction)
     assert start["force_limit"] == 15.0
-    passed = effect.passes(seen, start)
-    np.testing.assert_array_equal(passed, np.abs(read) < np.repeat([15.0, 1e4], 3))
-    assert passed[:, 3:].all()
+    limited = limited_readings(seen)
+    assert limited is not None
+    np.testing.assert_array_equal(limited, np.abs(read) == np.repeat([15.0, np.inf], 3))
+    assert effect.detected(seen) == start
+    # A load that stays below the limit is not what the readings show.
+    assert effect.detected(seen.with_prediction(0.8 * np.clip(at.prediction, -15, 15))) is None
+    assert limited_readings(replace(at, wrench=noisy)) is None
     assert not list(effect.starts(replace(at, wrench=noisy), noisy - at.prediction))
     # Coarse steps repeat values too, without a limit.
     assert plateau(np.round(noisy[:, :3] / 0.5) * 0.5) == 0.0
