@@ -11,12 +11,12 @@ from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-_LOUD = 1.1
-"""Residual in units of white noise from which a joint is examined."""
-_LARGEST = np.radians(3.5)
-"""rad: a gear with more play is broken."""
-_GAPS = tuple(np.geomspace(0.001, _LARGEST, 13).tolist())
-"""rad."""
+_LOUD, _KNOCK = 1.1, 6.0
+"""Residual (rms, and its largest sample) in units of white noise from which a joint is examined."""
+_GAPS, _SLIDING = (2e-4, float(np.radians(3.5))), (1e-5, 5e-3)
+"""rad and m: a gear with less play shows none, and one with more is broken."""
+_TRIED = 17
+"""Gaps that are tried."""
 _BLURS, _REACHES = (15, 5), (0.3, 0.1)
 """Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
 _SOFT = (0.003, 0.006, 0.01, 0.02)
@@ -44,9 +44,10 @@ class Backlash(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.effort is None:
             return ()
+        low, high = _gaps(recorded)
         return (
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
-            EffectParameter("gap", "rad", low=2e-4, high=_LARGEST, linear=False, log=True),
+            EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("own", "", 1.0, positive=True, hidden=True),
             EffectParameter("others", "", 1.0, hidden=True),
@@ -57,9 +58,10 @@ class Backlash(Effect):
 
         A knock some samples too late explains nothing; in a blurred residual its gap still leads to a better one.
         """
-        loud = residual.std(axis=0) / np.maximum(white_level(residual), 1e-12)
+        level = np.maximum(white_level(residual), 1e-12)
+        loud = np.maximum(residual.std(axis=0) / _LOUD, np.abs(residual).max(axis=0) / _KNOCK) / level
         column = int(np.argmax(loud))
-        if loud[column] < _LOUD:
+        if loud[column] < 1.0:
             return
         joint = float(list(numbers(recorded))[column])
 
@@ -70,7 +72,7 @@ class Backlash(Effect):
             there, here = there - there.mean(), here - here.mean()
             return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
 
-        gap = min(_GAPS, key=lambda each: left(each, _SOFT[1], _BLURS[0]))
+        gap = min(np.geomspace(*_gaps(recorded), _TRIED), key=lambda each: left(float(each), _SOFT[1], _BLURS[0]))
         for blur, reach in zip(_BLURS, _REACHES, strict=True):
             gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), _SOFT[1], blur))
         settling = min(_SOFT, key=lambda each: left(float(gap), each, 1))
@@ -91,3 +93,8 @@ class Backlash(Effect):
             f"{joint_called(recorded, values['joint'])} has {np.degrees(values['gap']):.2f} degrees of backlash: its "
             "torque vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )
+
+
+def _gaps(recorded: RecordedMotion) -> tuple[float, float]:
+    """The range of gaps, in m where all joints slide."""
+    return _SLIDING if set(efforts(recorded).names) <= set(efforts(recorded).prismatic) else _GAPS
