@@ -1,6 +1,6 @@
 """Joint coupling: one motor's motion needs torque in another joint."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -82,7 +82,10 @@ class JointCoupling(Effect):
                     weight = np.sqrt(len(left) / total[rows])
                     wide = np.concatenate([part * w for part, w in zip(free, weight, strict=True)])
                     wanted = np.concatenate([left[:, j] * w for j, w in zip(rows, weight, strict=True)])
-                    rest = wanted - wide @ np.linalg.lstsq(wide, wanted, rcond=None)[0]
+                    found = np.linalg.lstsq(wide, wanted, rcond=None)[0]
+                    if _drives(recorded, other, one, shared, found):
+                        continue  # the sum of two speeds and their difference act alike, one with a negative sign
+                    rest = wanted - wide @ found
                     square = np.sum(rest.reshape(len(rows), -1) ** 2, axis=1) / len(left)
                     scores.append((-float(np.log(square + 1e-12).sum()), known[other], known[one], shared))
         for _, driving, driven, shared in sorted(scores, reverse=True)[:3]:
@@ -96,11 +99,9 @@ class JointCoupling(Effect):
         """The friction of a shared motor takes power; what one joint does to another may have either sign."""
         shared = values.get("shared", _ONE_WAY)
         driving, driven = (column_of(recorded, values[name]) for name in ("driving", "driven"))
-        velocity = efforts(recorded).velocity
-        speed = np.abs(velocity[:, driven] + shared * velocity[:, driving])
-        power = values["damping"] * float(np.mean(speed**2)) + values["friction"] * float(np.mean(speed))
-        drives = "its friction would drive the joints" if shared and power < 0.0 else ""
-        return super().implausible(recorded, values) or drives
+        sizes = [values[name] for name in ("inertia", "damping", "friction")]
+        drives = _drives(recorded, driving, driven, shared, sizes)
+        return super().implausible(recorded, values) or ("its friction would drive the joints" if drives else "")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         driving, driven = (joint_called(recorded, values[name]) for name in ("driving", "driven"))
@@ -111,6 +112,13 @@ class JointCoupling(Effect):
         if values.get("shared", _ONE_WAY):
             return f"A motor turns with both {driving} and {driven}: {sizes}"
         return f"The motion of {driving} needs torque in {driven}: {sizes}"
+
+
+def _drives(recorded: RecordedMotion, driving: int, driven: int, shared: float, sizes: Sequence[float]) -> bool:
+    """Whether the friction of a shared motor of this inertia, damping and friction would give power, two columns."""
+    velocity = efforts(recorded).velocity
+    speed = np.abs(velocity[:, driven] + shared * velocity[:, driving])
+    return bool(shared and sizes[1] * float(np.mean(speed**2)) + sizes[2] * float(np.mean(speed)) < 0.0)
 
 
 def _torques(recorded: RecordedMotion, driving: int, driven: int, shared: float) -> Array:
