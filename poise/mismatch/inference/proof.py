@@ -154,7 +154,9 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         failed = [index for index, reason in enumerate(lacking) if reason]
         if not failed:
             return ProvenModel(whole, tuple(proofs), tuple(without), dropped)
-        weakest = max(failed, key=lambda index: without[index].log_evidence)
+        # A free curve follows effects of the library in part, and hides their proof.
+        curves = [index for index in failed if isinstance(whole.parts[index].effect, Dependence)]
+        weakest = max(curves or failed, key=lambda index: without[index].log_evidence)
         dropped[whole.parts[weakest].effect.name] = lacking[weakest]
         best = without[weakest]
 
