@@ -1,5 +1,6 @@
 """Explanations that share the belief with a name: unknown effects, and similar effects of the same answer."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -7,17 +8,19 @@ import pytest
 
 from poise.mismatch.answer.belief import EffectBelief, beliefs, rival_odds
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import EffectProof, FittedEffect, HypothesisFit, ProvenModel, Variation
+from poise.mismatch.inference import EffectCandidate, EffectProof, FittedEffect, HypothesisFit, ProvenModel, Variation
 
 
-def beliefs_of(names: tuple[str, ...], excess: float, beside: str = "") -> tuple[EffectBelief, ...]:
-    """Of an answer with ample evidence and no rivals in the library."""
+def beliefs_of(
+    names: tuple[str, ...], excess: float, beside: str = "", instead: dict[str, EffectCandidate] | None = None
+) -> tuple[EffectBelief, ...]:
+    """Of an answer with ample evidence and no rivals but those that may stand instead of each part."""
     parts = tuple(FittedEffect(effect, {}) for effect in map(effect_named, names) if effect is not None)
     proof = EffectProof(6, 6, 1.2, 1.0, 4500.0, 0.3, 0.0, 40.0, 4700.0, excess, 0.0)
     fit = cast(HypothesisFit, SimpleNamespace(parts=parts))
     model = ProvenModel(fit, (proof,) * len(parts), (), {})
     steady = [Variation("time", 0.0)] * len(parts)
-    return beliefs(model, [{} for _ in parts], steady, 0.04, [beside] * len(parts))
+    return beliefs(model, [instead or {} for _ in parts], steady, 0.04, [beside] * len(parts))
 
 
 @pytest.mark.parametrize(("name", "shares"), [("contact", True), ("sensor_bias", False)])
@@ -37,3 +40,17 @@ def test_similar_names_share_where_the_residual_without_one_is_within_the_noise(
 
 def test_a_rival_that_explains_hardly_anything_is_none_however_much_the_answer_leaves() -> None:
     assert rival_odds(1587.0, 6.9, 1.0) < 1e-6
+
+
+@pytest.mark.parametrize(("more", "shares"), [(0.001, False), (0.1, True)])
+def test_a_free_curve_is_a_rival_where_its_shape_is_not_that_of_the_law(more: float, shares: bool) -> None:
+    """With splines in place of a line the evidence is equal, because they cost more; what they explain tells."""
+    law = effect_named("viscous_friction")
+    assert law is not None
+    line = EffectCandidate(law, {}, 4700.0, 9420.0, 4700.0)
+    splines = replace(line, drop=9420.0 / (1.0 - more))
+    ((alone,), (found,)) = (
+        beliefs_of((law.name,), 20.0, instead=instead)
+        for instead in ({law.name: line}, {law.name: line, "unknown:joint_velocity": splines})
+    )
+    assert (found.probability < 0.9 * alone.probability) == shares

@@ -21,6 +21,9 @@ _MISFIT = 4.0
 _VARIES = 0.01
 """Share of its own log evidence by which the laws of an effect may be wrong without another cause: those of real
 friction, rotors and links vary by up to that (benchmarks.real)."""
+_LAW = 0.05
+"""Share of what a free curve explains that the law of an effect may lack without another cause: the curve then has the
+shape of the law (viscous friction of benchmarks.real lacks 2 %; imitations of other causes lacked 4 to 7 %)."""
 _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 _NONE_TEMPERATURE = 2.0
@@ -137,6 +140,9 @@ def _belief(
     # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
     curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
     odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
+    if curve and name in candidates:
+        lacks = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
+        odds[curve] *= min(max(lacks / _LAW, 0.0), 1.0)
     ruled = _equal_by_rule(model, part, proof, beside)
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
