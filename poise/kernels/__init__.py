@@ -5,6 +5,7 @@ where the library is not installed (no compiler was there) or belongs to another
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
 - `bounds`: least squares with bounds. `chain`: forward kinematics. `clocks`: sums at many lags.
+- `lookup`: points in depth images.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
   `sums`: normal equations.
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from poise.kernels.bounds import bounded_minimum
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
+    from poise.kernels.lookup import CompiledLookup, pixels_between
     from poise.kernels.records import find_records
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
@@ -34,6 +36,7 @@ __all__ = [
     "CompiledBodies",
     "CompiledConeProgram",
     "CompiledElastic",
+    "CompiledLookup",
     "CompiledSearch",
     "CompiledSplines",
     "SearchAnswer",
@@ -45,6 +48,7 @@ __all__ = [
     "innovation_squares",
     "innovations",
     "pendulum",
+    "pixels_between",
     "robust_fit",
     "weighed_sums",
 ]
@@ -53,6 +57,8 @@ _FILES = {
     "CompiledBodies": "statics",
     "CompiledConeProgram": "statics",
     "CompiledElastic": "statics",
+    "CompiledLookup": "lookup",
+    "pixels_between": "lookup",
     "CompiledSearch": "search",
     "SearchAnswer": "search",
     "weighed_sums": "sums",

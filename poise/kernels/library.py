@@ -22,6 +22,16 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
         None,
         [_INT, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _INT, _POINTER, _INT, _POINTER, _POINTER],
     ),
+    "poise_lookup_beyond": (None, [_INT, *[_POINTER] * 3, _INT, *[_POINTER] * 2]),
+    "poise_lookup_agreement": (None, [_INT, *[_POINTER] * 3, _INT, _POINTER, ctypes.c_float, *[_POINTER] * 3]),
+    "poise_lookup_offsets": (
+        None,
+        [_INT, *[_POINTER] * 3, _INT, *[_POINTER] * 2, ctypes.c_float, ctypes.c_float, *[_POINTER] * 2],
+    ),
+    "poise_lookup_pixels": (
+        _INT,
+        [*[_POINTER] * 2, _INT, _INT, _POINTER, _INT, _POINTER, *[ctypes.c_float] * 4, _POINTER],
+    ),
     "poise_robust_fit": (_INT, [_INT, _INT, *[_POINTER] * 4, ctypes.c_double, _INT, *[_POINTER] * 3]),
     "poise_box_minimum": (_INT, [_INT, *[_POINTER] * 6]),
     "poise_innovations": (None, [_INT, _INT, _INT, _POINTER, ctypes.c_double, *[_POINTER] * 4]),

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from poise.scanning.frames import View
 from poise.scanning.fusion import BAND, Surface
-from poise.scanning.looking import each, look
+from poise.scanning.looking import each, lookup
 from poise.scanning.support import CELL, Footprint
 from poise.types import Array, Mask
 
@@ -98,7 +98,7 @@ def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low:
     chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, _VIEWS).round().astype(int))]
 
     def ask(view: View) -> tuple[Mask, Array]:
-        beyond = look(view, asked).beyond
+        (beyond,) = lookup([view]).beyond(asked)
         informative = beyond > -BAND  # deeper is hidden
         return informative, np.where(informative, np.minimum(beyond, BAND), 0.0)
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
+from poise.kernels import COMPILED, pixels_between
 from poise.scanning.camera import rotated
 from poise.scanning.frames import View
-from poise.scanning.looking import WORKERS, each, look
+from poise.scanning.looking import WORKERS, each, in_all
 from poise.scanning.support import Footprint
-from poise.types import Array, Mask, Single
+from poise.types import Array, Indices, Single
 
 COARSE, _COARSE_PIXELS = 8, 600_000
 """Pixels between those of the first look, at the most, and how many it takes of all views together."""
@@ -112,24 +113,22 @@ def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     return surface
 
 
-def object_points(views: Sequence[View], footprint: Footprint, voxel: float) -> Array:
-    """(N, 3) m: what the views show of an object, averaged in voxels, whether they agree or not.
-
-    Raises:
-        InputError: SCAN_INCOMPLETE when they show nothing of it.
-    """
-    return _gather(views, footprint, voxel).points
-
-
 def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     """What the views show of the object, averaged in voxels; normals are not known yet."""
-    parts = each(views, lambda view: _object_pixels(view, footprint, voxel))
+    parts = each(views, lambda view: object_pixels(view, footprint, voxel))
     points = np.concatenate([part[0] for part in parts])
-    coloured = all(part[1] is not None for part in parts)
+    shades = [part[1] for part in parts if part[1] is not None]
+    coloured = len(shades) == len(parts)
     if not len(points):
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE, "scan: no view shows the object's surface with depth; bring the camera nearer"
         )
+    weights, mean, *colours = voxel_means(voxel, points, *([np.concatenate(shades)] if coloured else []))
+    return Surface(mean, colours[0] / 255 if coloured else None, np.zeros_like(mean), weights)
+
+
+def voxel_means(voxel: float, points: Single, *others: NDArray[np.generic]) -> list[Array]:
+    """(M,) how many points (N, 3) lie in each voxel, m, that has any; then (M, 3) their means, and those of others."""
     low = points.min(axis=0)
     cell = ((points - low) / np.float32(voxel)).astype(np.int64)
     size = cell.max(axis=0) + 1
@@ -138,40 +137,47 @@ def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surfac
     key = key[order]
     start = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
     count = np.diff(np.append(start, len(key))).astype(np.float64)
-    mean = np.add.reduceat((points - low)[order].astype(np.float64), start) / count[:, None] + low
-    colours = None
-    if coloured:
-        shades = np.concatenate([part[1] for part in parts])[order]
-        colours = np.add.reduceat(shades.astype(np.float64), start) / (255 * count[:, None])
-    return Surface(mean, colours, np.zeros_like(mean), count)
+    sums = [np.add.reduceat(values[order].astype(np.float64), start) for values in (points - low, *others)]
+    means = [total / count[:, None] for total in sums]
+    return [count, means[0] + low, *means[1:]]
 
 
-def _object_pixels(view: View, footprint: Footprint, voxel: float) -> tuple[Single, NDArray[np.uint8] | None]:
+def object_pixels(view: View, footprint: Footprint, voxel: float) -> tuple[Single, NDArray[np.uint8] | None]:
     """(N, 3) m of the pixels that show the object and no edge, and their colours."""
     camera, colours, plane = view.frame.camera, view.frame.colours, footprint.plane
     left, right, top, bottom, distance = _window(view, footprint)
     if right - left < 3 or bottom - top < 3:
         return np.zeros((0, 3), np.float32), None if colours is None else np.zeros((0, 3), np.uint8)
     step = max(int(voxel * camera.fx / distance), 1)
-    depth = view.frame.depth[top:bottom, left:right]
-    height, width = depth.shape
-    middle = depth[1:-1:step, 1:-1:step]
-    x, y = camera.rays[:, top + 1 : bottom - 1 : step, left + 1 : right - 1 : step]
     # Most pixels show the table: heights over it first, places only for the rest.
-    down = (view.rotation_world_camera.T @ plane.normal).astype(np.float32)
-    start = np.float32(plane.normal @ view.translation_world_camera - plane.offset)
-    over = middle * (down[0] * x + down[1] * y + down[2]) + start
-    whole = (middle > 0) & (over > footprint.floor) & (over < footprint.top + 2 * BAND)
-    for across, along in ((0, 1), (2, 1), (1, 0), (1, 2)):  # an edge is where a neighbour is far away, or unknown
-        neighbour = depth[along : height - 2 + along : step, across : width - 2 + across : step]
-        whole &= np.abs(neighbour - middle) < _JUMP
-    row, column = np.nonzero(whole)
-    points = _in_world(view, np.stack([x[row, column], y[row, column]]), middle[row, column])
+    down = np.append(view.rotation_world_camera.T @ plane.normal, plane.normal @ view.translation_world_camera)
+    down[3] -= plane.offset
+    part, heights = (left, right, top, bottom), np.array([footprint.floor, footprint.top + 2 * BAND])
+    find = pixels_between if COMPILED else raised_pixels
+    row, column = np.divmod(find(view.frame.depth, camera.rays, part, step, down, heights, _JUMP), camera.width)
+    points = _in_world(view, camera.rays[:, row, column], view.frame.depth[row, column])
     placed = plane.placed(points)
     kept = footprint.holds(placed[:, 0], placed[:, 1])
-    if colours is not None:
-        colours = colours[top + 1 + step * row[kept], left + 1 + step * column[kept]]
-    return points[kept], colours
+    return points[kept], None if colours is None else colours[row[kept], column[kept]]
+
+
+def raised_pixels(
+    depth: Single, rays: Single, part: tuple[int, int, int, int], step: int, plane: Array, heights: Array, jump: float
+) -> Indices:
+    """`pixels_between` in Python."""
+    left, right, top, bottom = part
+    cut = depth[top:bottom, left:right]
+    height, width = cut.shape
+    middle = cut[1:-1:step, 1:-1:step]
+    x, y = rays[:, top + 1 : bottom - 1 : step, left + 1 : right - 1 : step]
+    down, (low, high) = plane.astype(np.float32), heights.astype(np.float32)
+    over = middle * (down[0] * x + down[1] * y + down[2]) + down[3]
+    whole = (middle > 0) & (over > low) & (over < high)
+    for across, along in ((0, 1), (2, 1), (1, 0), (1, 2)):  # an edge is where a neighbour is far away, or unknown
+        neighbour = cut[along : height - 2 + along : step, across : width - 2 + across : step]
+        whole &= np.abs(neighbour - middle) < np.float32(jump)
+    row, column = np.nonzero(whole)
+    return np.asarray((top + 1 + step * row) * depth.shape[1] + left + 1 + step * column)
 
 
 def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float]:
@@ -191,9 +197,8 @@ def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float
 
 def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> Surface:
     """Points that views agree on, each where they see it on average."""
-    seen = each(views, lambda view: _first_look(view, surface.points))
-    agree, through = (np.sum([part[i] for part in seen], axis=0) for i in (0, 1))
-    toward = np.sum([part[2] for part in seen], axis=0)
+    looked = in_all(views, lambda depths: depths.agreement(surface.points, BAND))
+    agree, through, toward = (sum(shares) for shares in zip(*looked, strict=True))
     kept = (agree >= fewest_views(len(views))) & (through <= _THROUGH * (agree + through))
     judged = agree + through >= min(_JUDGES, len(views))  # by others than the view that it is from
     agreed = float(surface.weights[kept & judged].sum() / max(surface.weights[judged].sum(), 1e-9))
@@ -209,30 +214,12 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
     if len(surface.points) <= _NEIGHBOURS:
         return surface
     surface = replace(surface, normals=normals_of(surface.points, toward))
-    looked = each(views, lambda view: _second_look(view, surface))
-    weight = np.sum([part[0] for part in looked], axis=0)
-    step = np.sum([part[1] for part in looked], axis=0) / np.maximum(weight, 1e-9)
+    offsets = in_all(views, lambda depths: depths.offsets(surface.points, surface.normals, BAND, SLANT))
+    weight, sums = (sum(shares) for shares in zip(*offsets, strict=True))
+    step = sums / np.maximum(weight, 1e-9)
     moved = surface.points + np.clip(step, -_MOST_STEP, _MOST_STEP)[:, None] * surface.normals
     surface = replace(surface, points=moved).select((weight > 0) & (footprint.plane.heights(moved) > footprint.floor))
     return _merged(surface)
-
-
-def _first_look(view: View, points: Array) -> tuple[Mask, Mask, Single]:
-    looked = look(view, points)
-    agree = np.abs(looked.beyond) < BAND
-    through = looked.beyond > BAND
-    length = np.sqrt(np.einsum("ni,ni->n", looked.rays, looked.rays))
-    return agree, through, np.where(agree, -1 / length, 0)[:, None] * looked.rays
-
-
-def _second_look(view: View, surface: Surface) -> tuple[Array, Array]:
-    """Weights, and weighted distances (m) along the normals, of what a view measures around each point."""
-    looked = look(view, surface.points)
-    along = np.einsum("ni,ni->n", looked.rays, surface.normals.astype(np.float32))
-    length = np.sqrt(np.einsum("ni,ni->n", looked.rays, looked.rays))
-    facing = -along / length
-    weight = np.where((np.abs(looked.beyond) < BAND) & (facing > SLANT), facing, 0)
-    return weight, weight * np.nan_to_num(looked.beyond) * along
 
 
 def normals_of(points: Array, toward: Array) -> Array:

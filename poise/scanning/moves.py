@@ -6,23 +6,24 @@ poses change slowly along a sweep; so what views a little earlier and later say 
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
-from scipy.spatial.transform import Rotation
 
-from poise.errors import InputError
 from poise.scanning.frames import View
-from poise.scanning.fusion import BAND, object_points
-from poise.scanning.looking import each, look
+from poise.scanning.fusion import BAND, object_pixels, voxel_means
+from poise.scanning.looking import each, lookup
 from poise.scanning.support import Footprint, Plane
-from poise.types import Array
+from poise.types import Array, Single
 
 _FEWEST, _MOST_VIEWS = 12, 48
 """Views of a sweep that are needed, and that are used."""
 _VOXEL, _POINTS = 3e-3, 300
 """m between points, and how many of them are fitted."""
+_MANY = 4
+"""Times as many, for the motion that is found."""
 _ASKED = 4
 """Views on each side of an instant that points of the other side are looked up in."""
 _FLIPPED = 0.75
@@ -33,6 +34,8 @@ _GATES = (0.012, 0.006)
 """m: a point that is farther from what a view sees is off, however far; for the search, and for the fit."""
 _REACH, _TURNED = np.arange(-0.024, 0.025, 0.008), np.deg2rad([-6.0, 0.0, 6.0])
 """m and rad of the search."""
+_STEPS = np.vstack([sign * np.diag([3e-3, 3e-3, np.deg2rad(3.0)]) for sign in (1, -1)])
+"""m and rad: if none of these makes views agree better, nothing moved by as much."""
 _STILL = 2e-3
 """Cost of a motion of 1 cm, so that one that nothing shows is none."""
 _LEAST, _ABOVE = 3e-3, 2.0
@@ -99,33 +102,36 @@ def find_move(views: Sequence[View], footprint: Footprint) -> ObjectMove | None:
         return None
     chosen = [ordered[i] for i in np.unique(np.linspace(0, len(ordered) - 1, _MOST_VIEWS).round().astype(int))]
     around = int(np.clip(len(chosen) // 6, 3, 8))
-    try:
-        points = object_points(chosen, footprint, _VOXEL)
-    except InputError:
-        return None
+    pixels = [part[0] for part in each(chosen, lambda view: object_pixels(view, footprint, _VOXEL))]
+    points = _cloud(pixels)
     shares = _flipped(chosen, points, around)
-    if shares.max() < _QUIET:
+    if shares.max(initial=0.0) < _QUIET:
         return None
+    search = _Search(chosen, pixels, points, footprint.plane, around)
     likely = np.argsort(-shares, kind="stable")[:2] + around
     evenly = np.linspace(around, len(chosen) - around, 2 + 2 * len(shares) // around).round().astype(int)
-    fits = [
-        _fitted(chosen, points, footprint, split, around, split in likely)
-        for split in {*likely.tolist(), *evenly.tolist()}
-    ]
+    fits = [search.fitted(split, split in likely) for split in {*likely.tolist(), *evenly.tolist()}]
     best = max(fits, key=lambda fit: fit.distance * (fit.before - fit.after))
+    if best.distance > _LEAST / 2:
+        best = search.refined(best)
     others = [fit.distance for fit in fits if abs(fit.split - best.split) >= around]
     if best.distance < max(_LEAST, _ABOVE * float(np.median(others or [0.0]))) or best.after > _CURED * best.before:
         return None
-    middle = points.mean(axis=0)
-    rotation, translation = _motion(best.motion, middle, footprint.plane)
+    rotation, translation = search.rigid(best.motion)
     first = chosen[best.split].frame.stamp
     seconds = 1e-9 * (first - ordered[0].frame.stamp)
     return ObjectMove(first, seconds, rotation, translation, best.distance, float(best.motion[2]))
 
 
+def _cloud(pixels: Sequence[Single]) -> Array:
+    """(N, 3) m: the pixels of some views, averaged in voxels."""
+    points = np.concatenate(pixels)
+    return voxel_means(_VOXEL, points)[1] if len(points) else np.zeros((0, 3))
+
+
 def _flipped(views: Sequence[View], points: Array, around: int) -> Array:
     """(S,) share of the points that views before an instant see, and those after it see through, or the other way."""
-    beyond = np.array(each(views, lambda view: look(view, points).beyond))
+    beyond = lookup(views).beyond(points)
     seen, through = (np.cumsum(np.pad(one, ((1, 0), (0, 0))), axis=0) for one in (np.abs(beyond) < BAND, beyond > BAND))
     shares = []
     for split in range(around, len(views) - around + 1):
@@ -138,39 +144,93 @@ def _flipped(views: Sequence[View], points: Array, around: int) -> Array:
     return np.array(shares)
 
 
-def _fitted(views: Sequence[View], points: Array, footprint: Footprint, split: int, around: int, search: bool) -> _Fit:
-    """The motion (x and y along the plane, m, and rad) that brings views before and after an instant together."""
-    sides = views[split - around : split], views[split : split + around]
-    rng = np.random.default_rng(0)
-    middle = points.mean(axis=0)
-    clouds = []
-    for side in sides:
-        try:
-            cloud = object_points(side, footprint, _VOXEL)
-        except InputError:
+class _Search:
+    """The motion (x and y along the plane, m, and rad) that brings views before and after an instant together.
+
+    Args:
+        views: in their order.
+        pixels: of each, (N, 3) m of the object in the world.
+        points: (N, 3) m of it; it turns about their middle.
+        plane: that it moves along.
+        around: views on each side of an instant.
+    """
+
+    def __init__(
+        self, views: Sequence[View], pixels: Sequence[Single], points: Array, plane: Plane, around: int
+    ) -> None:
+        self._views, self._pixels, self._around = views, pixels, around
+        self._points = points[np.random.default_rng(0).permutation(len(points))[:_POINTS]]
+        self._middle, self._axes = points.mean(axis=0), plane.axes
+
+    def rigid(self, motion: Array) -> tuple[Array, Array]:
+        """Rotation and translation, m, of the world for a motion."""
+        cosine, sine = np.cos(motion[2]), np.sin(motion[2])
+        rotation = self._axes.T @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ self._axes
+        shift = motion[:2] @ self._axes[:2]
+        return rotation, self._middle + shift - rotation @ self._middle
+
+    def fitted(self, split: int, search: bool) -> _Fit:
+        """The motion between the views before and after one; without a search, only a small one is found."""
+        misfit = self._misfit(split, _POINTS, _ASKED)
+        if misfit is None:
             return _Fit(split, np.zeros(3), 0.0, 0.0, 0.0)
-        clouds.append(cloud[rng.permutation(len(cloud))[:_POINTS]])
-    asked = [[side[i] for i in np.unique(np.linspace(0, around - 1, _ASKED).round().astype(int))] for side in sides]
+        far, near = (partial(misfit, gate=gate) for gate in _GATES)
+        rest = np.zeros(3)
+        still = near(rest)
+        starts = [rest] if min(map(near, _STEPS)) < still else []
+        if search and (start := _searched(far)).any():
+            starts.append(start)
+        tries = [_descended(near, start, 90 if search else 45) for start in starts]
+        found = min(tries, key=lambda one: float(one.fun), default=OptimizeResult(x=rest, fun=still))
+        return _Fit(split, found.x, self._distance(found.x), still, float(found.fun))
 
-    def cost(motion: Array, gate: float) -> float:
-        rotation, translation = _motion(motion, middle, footprint.plane)
-        there, back = clouds[0] @ rotation.T + translation, (clouds[1] - translation) @ rotation
-        off = [look(view, there).beyond for view in asked[1]] + [look(view, back).beyond for view in asked[0]]
-        apart = np.minimum(np.abs(np.concatenate(off)) / gate, 1.0) ** 2
-        known = np.isfinite(apart)
-        moved = float(np.linalg.norm(there - clouds[0], axis=1).mean())
-        return float(apart[known].mean() if known.any() else 1.0) + _STILL * (moved / 0.01) ** 2
+    def refined(self, fit: _Fit) -> _Fit:
+        """A motion with more points and views."""
+        misfit = self._misfit(fit.split, _MANY * _POINTS, self._around)
+        if misfit is None:
+            return fit
+        near = partial(misfit, gate=_GATES[1])
+        found = _descended(near, fit.motion, 90)
+        return _Fit(fit.split, found.x, self._distance(found.x), near(np.zeros(3)), float(found.fun))
 
-    starts = [np.zeros(3)] + ([_searched(lambda motion: cost(motion, _GATES[0]))] if search else [])
-    tries = [_descended(lambda motion: cost(motion, _GATES[1]), start, 90 if search else 45) for start in starts]
-    found = min(tries, key=lambda one: float(one.fun))
-    rotation, translation = _motion(found.x, middle, footprint.plane)
-    distance = float(np.linalg.norm(clouds[0] @ rotation.T + translation - clouds[0], axis=1).mean())
-    return _Fit(split, found.x, distance, cost(np.zeros(3), _GATES[1]), float(found.fun))
+    def _distance(self, motion: Array) -> float:
+        """m by which points of the object move on average."""
+        rotation, translation = self.rigid(motion)
+        return float(np.linalg.norm(self._points @ rotation.T + translation - self._points, axis=1).mean())
+
+    def _misfit(self, split: int, points: int, asked: int) -> Callable[..., float] | None:
+        """How far, 0..1, points of either side of an instant are from what some views of the other side see.
+
+        Args:
+            split: the first view after it.
+            points: of each side, at the most.
+            asked: views of each side.
+
+        Returns:
+            A function of a motion, and of the distance `gate`, m, that counts as 1; None where a side sees nothing.
+        """
+        sides = slice(split - self._around, split), slice(split, split + self._around)
+        rng = np.random.default_rng(0)
+        clouds = [_cloud(self._pixels[side]) for side in sides]
+        if not all(map(len, clouds)):
+            return None
+        before, after = (cloud[rng.permutation(len(cloud))[:points]] for cloud in clouds)
+        chosen = np.unique(np.linspace(0, self._around - 1, asked).round().astype(int))
+        earlier, later = (lookup([self._views[side][i] for i in chosen]) for side in sides)
+
+        def misfit(motion: Array, gate: float) -> float:
+            rotation, translation = self.rigid(motion)
+            there, back = before @ rotation.T + translation, (after - translation) @ rotation
+            off = np.concatenate([later.beyond(there).ravel(), earlier.beyond(back).ravel()])
+            known = off[np.isfinite(off)]
+            apart = float(np.mean(np.minimum(np.abs(known) / gate, 1.0) ** 2)) if len(known) else 1.0
+            return apart + _STILL * (self._distance(motion) / 0.01) ** 2
+
+        return misfit
 
 
 def _descended(cost: Callable[[Array], float], start: Array, most: int) -> OptimizeResult:
-    simplex = start + np.vstack([np.zeros(3), np.diag([3e-3, 3e-3, 0.05])])
+    simplex = start + np.vstack([np.zeros(3), _STEPS[:3]])
     return minimize(
         cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": most, "xatol": 1e-4}
     )
@@ -182,10 +242,3 @@ def _searched(cost: Callable[[Array], float]) -> Array:
     best = grid[int(np.argmin([cost(motion) for motion in grid]))]
     turned = best + np.array([[0.0, 0.0, turn] for turn in _TURNED])
     return np.asarray(turned[int(np.argmin([cost(motion) for motion in turned]))])
-
-
-def _motion(motion: Array, middle: Array, plane: Plane) -> tuple[Array, Array]:
-    """Rotation and translation, m, of the world for a motion along the plane about a point."""
-    rotation = Rotation.from_rotvec(motion[2] * plane.normal).as_matrix()
-    shift = motion[0] * plane.axes[0] + motion[1] * plane.axes[1]
-    return rotation, middle + shift - rotation @ middle

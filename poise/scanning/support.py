@@ -1,6 +1,7 @@
 """The table under an object, found with gravity, and the separate objects on it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ _LEAST_SHARE = 0.15
 _THICKEST = 0.003
 """m, one sigma: a larger value is not a plane but a cut through a body."""
 _SAMPLE, _TRIES = 6000, 400
-_FITTED = 100_000
+_FITTED = 30_000
 CELL = 0.003
 """m, of the height map."""
 _LOWEST = 0.0008
@@ -57,7 +58,7 @@ class Plane:
         """(N, 3) m along the plane's axes, the last one the height above it."""
         return rotated(points, self.axes) - np.array([0, 0, self.offset], points.dtype)
 
-    @property
+    @cached_property
     def axes(self) -> Array:
         """(3, 3) rows: two directions along the plane, and its normal; level ones are the world's own x and y."""
         x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
@@ -145,7 +146,7 @@ class Footprint:
         inside = (x >= 0) & (y >= 0) & (x < cells.shape[0]) & (y < cells.shape[1])
         return np.asarray(inside & cells[np.where(inside, x, 0), np.where(inside, y, 0)])
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """(8, 3) m in the world, of a box around it with two cells to spare."""
         rows, columns = (np.flatnonzero(self.cells.any(axis=axis)) for axis in (1, 0))

@@ -64,42 +64,62 @@ def carve(
     Raises:
         InputError: SCAN_INCOMPLETE for too few points, MESH_INVALID when they enclose no volume.
     """
-    if len(points) < _FEWEST_POINTS:
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE, f"cloud: {len(points)} points are too few for a surface; scan it again"
-        )
-    spacing = spacing_of(points) if spacing is None else spacing
-    try:
-        delaunay = Delaunay(points - points.mean(axis=0))
-    except QhullError as error:
-        raise InputError(
-            ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
-        ) from error
-    tetrahedra, neighbours = delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
-    left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
-    for rows in (tetrahedra, neighbours):
-        rows[left_handed, :2] = rows[left_handed, 1::-1]
-    corners = points[tetrahedra]
-    volumes = tetrahedron_volumes(corners)
-    reach, order, parents = _reach(corners, neighbours)
-    reach /= spacing
+    return Stone(points, spacing).carve(depth, normals)
 
-    def volume(ball: float) -> float:
-        return float(volumes[reach <= ball].sum())
 
-    larger = [each for each in _LEAK_BALLS if volume(_BALL) < _LEAK * volume(each)]
-    small = (reach <= _BALL) & (volumes > 0)
-    opening = bool(larger) and bare_share(_solid(points, tetrahedra, neighbours, small)) < _SHEETS
-    ball = _BALL if opening else max([_BALL, *larger])
-    inside = reach <= ball
-    if depth is not None:
-        inside = reach <= _LARGEST_BALL
-        inside &= ~_pockets(points, tetrahedra, neighbours, (reach, order, parents), inside, depth, normals)
-    found = _solid(points, tetrahedra, neighbours, inside & (volumes > 0))
-    if not len(found.tetrahedra):
-        raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    behind = volume(_LEAK_BALLS[-1]) - volume(_BALL) if opening else 0.0
-    return replace(found, volume_std=_doubt(volume, ball, found.volume, behind))
+class Stone:
+    """The Delaunay tetrahedra of points, and how large a ball comes into each; it may be carved several times.
+
+    Args:
+        points, spacing: as of `carve`.
+
+    Raises:
+        InputError: as `carve`.
+    """
+
+    def __init__(self, points: Array, spacing: float | None = None) -> None:
+        if len(points) < _FEWEST_POINTS:
+            raise InputError(
+                ErrorCode.SCAN_INCOMPLETE, f"cloud: {len(points)} points are too few for a surface; scan it again"
+            )
+        spacing = spacing_of(points) if spacing is None else spacing
+        try:
+            delaunay = Delaunay(points - points.mean(axis=0))
+        except QhullError as error:
+            raise InputError(
+                ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
+            ) from error
+        tetrahedra, neighbours = delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
+        left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
+        for rows in (tetrahedra, neighbours):
+            rows[left_handed, :2] = rows[left_handed, 1::-1]
+        self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
+        self._volumes = tetrahedron_volumes(points[tetrahedra])
+        reach, order, parents = _reach(points[tetrahedra], neighbours)
+        self._tree = reach / spacing, order, parents
+
+    def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
+        """The solid; arguments and errors as of the function `carve`."""
+        cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
+        larger = [each for each in _LEAK_BALLS if self._volume(_BALL) < _LEAK * self._volume(each)]
+        small = (reach <= _BALL) & (self._volumes > 0)
+        opening = bool(larger) and bare_share(_solid(*cells, small)) < _SHEETS
+        ball = _BALL if opening else max([_BALL, *larger])
+        inside = reach <= ball
+        if depth is not None:
+            inside = reach <= _LARGEST_BALL
+            inside &= ~_pockets(*cells, self._tree, inside, depth, normals)
+        found = _solid(*cells, inside & (self._volumes > 0))
+        if not len(found.tetrahedra):
+            raise InputError(
+                ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
+            )
+        behind = self._volume(_LEAK_BALLS[-1]) - self._volume(_BALL) if opening else 0.0
+        return replace(found, volume_std=_doubt(self._volume, ball, found.volume, behind))
+
+    def _volume(self, ball: float) -> float:
+        """m3 that a ball of some radius, in spacings, leaves."""
+        return float(self._volumes[self._tree[0] <= ball].sum())
 
 
 def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
@@ -145,13 +165,8 @@ def _pockets(
     outside = ~np.append(inside, False)
     owner, corner = np.nonzero(inside[:, None] & outside[neighbours])
     facets = np.take_along_axis(tetrahedra[owner], FACES[corner], axis=1)
-    buried = np.ones(len(points), bool)
-    buried[tetrahedra[~inside]] = False
-    buried[facets] = False
     nothing = np.zeros(len(inside), bool)
-    deep = np.zeros(len(points), bool)
-    if buried.any():
-        deep[buried] = cKDTree(points[~buried]).query(points[buried])[0] > depth
+    deep = depths_inside(points, tetrahedra[inside], facets) > depth
     fits = reach > _BALL
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
@@ -173,6 +188,22 @@ def _pockets(
     for tetrahedron in walk:
         opened[tetrahedron] = gains[tetrahedron] > 0 and opened[above[tetrahedron]]
     return np.asarray(opened[:-1] & inside)
+
+
+def depths_inside(points: Array, tetrahedra: Indices, facets: Indices) -> Array:
+    """(N,) m from points inside of a solid to the nearest that is not; 0 for those.
+
+    Args:
+        points: (N, 3) m.
+        tetrahedra, facets: (T, 4) and (F, 3) numbers of the points that it is made of, and around it.
+    """
+    buried = np.zeros(len(points), bool)
+    buried[tetrahedra] = True
+    buried[facets] = False
+    depths = np.zeros(len(points))
+    if buried.any():
+        depths[buried] = cKDTree(points[~buried]).query(points[buried])[0]
+    return depths
 
 
 def oriented_normals(points: Array, facets: Indices) -> Array:

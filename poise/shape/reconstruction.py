@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.carving import carve, spacing_of
+from poise.shape.carving import Stone, carve, depths_inside, spacing_of
 from poise.shape.matching import matched
 from poise.shape.solid import Solid, tetrahedron_moments
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
@@ -98,16 +98,7 @@ def reconstruct(
 
 def _inside(carved: Solid, depth: float) -> float:
     """Share of the points that the solid contains, farther than a depth, m, from those on its surface."""
-    vertices = carved.vertices
-    outer = np.zeros(len(vertices), bool)
-    outer[carved.surface[0]] = True
-    buried = np.zeros(len(vertices), bool)
-    buried[carved.tetrahedra] = True
-    buried &= ~outer
-    if not buried.any():
-        return 0.0
-    away = cKDTree(vertices[outer]).query(vertices[buried])[0]
-    return float(np.count_nonzero(away > depth)) / len(vertices)
+    return float(np.mean(depths_inside(carved.vertices, carved.tetrahedra, carved.surface[0]) > depth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,12 +117,13 @@ def _drafted(
 ) -> _Draft:
     vertices = points[rows]
     spacing = spacing_of(vertices)
-    carved = carve(vertices, spacing)
+    stone = Stone(vertices, spacing)
+    carved = stone.carve()
     normals = side_normals(carved, 2 * spacing)
     measured = None if given is None else _trusted(given[rows], carved)
     guess = local_noise(vertices, normals, rng) if noise is None else noise
     if guess < _SEEN_POCKETS * spacing:
-        carved = carve(vertices, spacing, _DEEP * spacing + _BURIED * guess, measured)
+        carved = stone.carve(_DEEP * spacing + _BURIED * guess, measured)
         normals = side_normals(carved, 2 * spacing)
     return _Draft(carved, rows, normals if measured is None else measured, guess, spacing)
 
