@@ -82,7 +82,7 @@ def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike:
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
     rest = linear_at(other.seconds, other.measured - other.prediction, times)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
-    return replace(this, measured=this.measured - rest, motion_variance=varied).select(kept)
+    return replace(this, measured=this.measured - rest, motion_variance=varied, of_two=True).select(kept)
 
 
 def _sum(own: Array | None, others: Array | None, times: Array, seconds: Array) -> Array | None:
