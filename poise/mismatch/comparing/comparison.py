@@ -197,11 +197,11 @@ def _one_way(
 
 def without_common(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:
     """This recording without what the other has too, where both move alike."""
-    slip = math.inf
-    if same_speed(matched):
+    slip, same = math.inf, same_speed(matched)
+    if same:
         _, seconds, places = postures(this)
         slip = _SLIP * float(np.sqrt(np.mean((np.gradient(places, seconds, axis=0) ** 2).sum(axis=1))))
-    return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN))
+    return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN), same)
 
 
 def _better(one: Diagnosis, usual: Diagnosis) -> bool:

@@ -131,7 +131,7 @@ class _Screen:
         self._recorded = replace(problem.recorded, effort=thin)
         self._target = thin.measured - thin.prediction
         self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
-        self._noise = 0.5 * np.mean(np.diff(self._target, axis=0) ** 2, axis=0) * effort.of_two
+        self._noise = 0.5 * np.mean(np.diff(self._target, axis=0) ** 2, axis=0) * effort.errors_cancel
         groups = problem.groups(self._recorded)
         columns = np.concatenate([group.columns for group in groups], axis=2)
         bound = np.concatenate([group.bounds for group in groups])

@@ -95,7 +95,8 @@ class EffortTrack:
         prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
         stated: (J) the friction, rotors and springs that the nominal model has, in `prediction` from the beginning; ():
             a rigid arm.
-        of_two: `measured` is without what another recording has beyond `prediction`: errors of the model cancel.
+        errors_cancel: `measured` is without what another recording of the same motion has beyond `prediction`: errors
+            of the model have no part in the residual.
     """
 
     seconds: Array
@@ -114,7 +115,7 @@ class EffortTrack:
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
     stated: tuple[JointPhysics, ...] = ()
-    of_two: bool = False
+    errors_cancel: bool = False
 
     @property
     def accelerating(self) -> Array:
