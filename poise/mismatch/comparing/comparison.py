@@ -120,6 +120,9 @@ def compare(
         changes, equal = _changes(found, side, a, b, stages)
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
+    if not same_speed(matched):
+        kept, small = _material(kept, side, a, b, stages)
+        notes += small
     progress(1.0)
     return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
 
@@ -139,6 +142,15 @@ def _changes(
         and alike(*(stages.own_values(each.finding, one) for one in (a, b)))
     ]
     return changes, equal
+
+
+def _material(
+    changes: tuple[Change, ...], side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+) -> tuple[tuple[Change, ...], list[str]]:
+    """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
+    less = a if side == "b" else b
+    kept = tuple(each for each in changes if beyond_errors(each, stages.own_values(each.finding, less), less))
+    return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
