@@ -190,10 +190,15 @@ def _likelier(ways: _Ways, stages: Stages) -> tuple[Recorded, Diagnosis]:
     first: Recorded = "a" if has_less(without_common(*ways["b"])) else "b"
     other: Recorded = "b" if first == "a" else "a"
     found = _one_way(*ways[first], stages)
-    if found.verdict in ("none", "named"):
+    if found.verdict in ("none", "named") or (found.findings and not _unexplained(found)):
         return first, found
     instead = _one_way(*ways[other], stages)
     return (other, instead) if _better(instead, found) else (first, found)
+
+
+def _unexplained(found: Diagnosis) -> bool:
+    """Whether a residual is left; effects that no name is sure of explain theirs."""
+    return any(each.residual_test.structured for each in found.examinations)
 
 
 def _one_way(
