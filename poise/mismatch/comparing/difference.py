@@ -81,9 +81,7 @@ def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Ma
     return np.where(kept, times, others[0]), kept
 
 
-def _efforts(
-    this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask, same_speed: bool
-) -> EffortTrack:
+def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask, same_speed: bool) -> EffortTrack:
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
     rest = linear_at(other.seconds, other.measured - other.prediction, times)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
