@@ -1,6 +1,7 @@
 """When a motion on a base began: the motions that its acceleration can cause, fitted to the poses seen."""
 
 import numpy as np
+from scipy.special import softmax
 
 from poise.types import Array
 
@@ -31,8 +32,6 @@ def onset(
 ) -> tuple[float, float, float, float]:
     """When an object was released, when it had moved by `visible`, one sigma of these, s, and how sudden that was.
 
-    Sudden is the log likelihood of a steady acceleration over that of what the base's acceleration can cause.
-
     A released object is accelerated by what exceeds the acceleration at its release: by all of it if it slips, by a
     part of it, and by its own weight, if it tips. A third way is a steady acceleration, as after a push.
 
@@ -53,27 +52,29 @@ def onset(
     clock = np.arange(begin, end + _STEP, _STEP)
     pull = np.interp(clock, *pulled)
     begins = clock[(clock < seconds[seen]) & (clock > begin + 2 * _STEP)]
-    log, crossed, kinds = [], [], []
+    log, crossed = [], []
     for at in begins:
         excess = np.where(clock >= at, pull - max(float(np.interp(at, clock, pull)), 0.0), 0.0)
         for scale in _AMPLITUDES if stiffness else (1.0,):
             path = _released(gain * scale * excess, stiffness)
             log.append(_likelihood(np.interp(times, clock, path), values, noise))
             crossed.append((at, _crossing(clock, path, visible, at)))
-            kinds.append(False)
         steady = np.maximum(clock - at, 0) ** 2
         shape = np.interp(times, clock, steady)
         size = max(float(shape @ values) / max(float(shape @ shape), 1e-12), 0.0)
         log.append(_likelihood(size * shape, values, noise) - _FREE)
         crossed.append((at, _crossing(clock, size * steady, visible, at)))
-        kinds.append(True)
-    weights = np.exp(np.array(log) - max(log))
-    weights /= weights.sum()
+    weights = softmax(log)
     released, moved = weights @ np.array(crossed)
     spread = float(np.sqrt(weights @ (np.array(crossed)[:, 1] - moved) ** 2))
-    free = np.array(kinds)
-    sudden = np.log(max(weights[free].mean(), 1e-300)) - np.log(max(weights[~free].mean(), 1e-300))
-    return float(released), float(moved), max(spread, float(np.median(np.diff(seconds))) / 2), float(sudden)
+    least = float(np.median(np.diff(seconds))) / 2
+    return float(released), float(moved), max(spread, least), _sudden(weights.reshape(len(begins), -1))
+
+
+def _sudden(weights: Array) -> float:
+    """Log likelihood of a steady acceleration, the last column, over that of what the base's acceleration can cause."""
+    steady, caused = weights[:, -1].mean(), weights[:, :-1].mean()
+    return float(np.log(max(steady, 1e-300)) - np.log(max(caused, 1e-300)))
 
 
 def _released(excess: Array, stiffness: float) -> Array:

@@ -120,11 +120,9 @@ def compare(
         changes, equal = _changes(found, side, a, b, stages)
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
-    if not same_speed(matched):
-        kept, small = _material(kept, side, a, b, stages)
-        notes += small
+    kept, small = (kept, []) if same_speed(matched) else _material(kept, side, a, b, stages)
     progress(1.0)
-    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, (*notes, *small), time.perf_counter() - begin)
 
 
 def _changes(
