@@ -12,6 +12,7 @@ import json
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -120,11 +121,26 @@ def recording(
     q, v, a = (part[:, columns] for part in (state.position, state.velocity, state.acceleration))
     v, a = v * rate[:, None], a * rate[:, None] ** 2 + v * more[:, None]
     efforts = efforts_along(world, joints, q, v, a)
-    noise = 0.01 * np.abs(efforts).max(axis=0) + 0.01
+    noise = noise_of(efforts)
     clock = 1.02 if motion == "skew" else 1.0
     stamps = 10**18 + round(rng.uniform(0, 1e12)) + np.round(times * clock * 1e9).astype(np.int64)
     read = q + rng.normal(0.0, 2e-5, q.shape), v / clock + rng.normal(0.0, 1e-3, v.shape)
     return JointStream(stamps, tuple(joints), *read, efforts + noise * rng.normal(size=efforts.shape))
+
+
+def noise_of(efforts: Array) -> Array:
+    """(J,) one sigma."""
+    return np.asarray(0.01 * np.abs(efforts).max(axis=0) + 0.01)
+
+
+def evidence_of(worlds: Sequence[mujoco.MjModel], joints: list[str], moved: Sequence[Array]) -> float:
+    """Nats by which a comparison that knows the change exactly prefers it to no change; below about 20 it is hidden.
+
+    Args:
+        worlds: before and after. moved: (N, J) position, velocity and acceleration.
+    """
+    efforts = [efforts_along(world, joints, *moved) for world in worlds]
+    return float(0.25 * np.sum(((efforts[1] - efforts[0]) / noise_of(efforts[0])) ** 2))
 
 
 def make_pair(
@@ -159,7 +175,11 @@ def make_pair(
         "tolerance": {"payload": {"mass": 0.15, "com": 0.01}},
     }
     (folder / "model.yaml").write_text(yaml.safe_dump(document))
+    state, thin = paths[0].at(np.arange(0.0, seconds, 10 / RATE)), [arm.joint_names.index(joint) for joint in joints]
+    moved = [part[:, thin] for part in (state.position, state.velocity, state.acceleration)]
+    evidence = 10 * evidence_of([world.model(xml, joints) for world in (before, after)], joints, moved)
     truth = {"change": change, "motion": motion, "in": "b" if in_b else "a", "mass": after.mass - before.mass}
+    truth["evidence"] = evidence
     return [str(folder / f"{name}.mcap") for name in "ab"], truth
 
 

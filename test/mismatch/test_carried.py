@@ -16,6 +16,9 @@ from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.mismatch.carried import CarriedAnswer, examine_carried, read_carried
+from poise.mismatch.carried.events import CarriedMotion
+from poise.mismatch.carried.evidence import Part, of_course, probability
+from poise.mismatch.carried.prediction import SceneLimits
 from poise.recording import PoseStream, RecordingWriter, encode_stream, open_recording
 
 FRICTION, GRAVITY, STEP = 0.3, 9.81, 1e-3
@@ -185,6 +188,26 @@ def test_a_push_is_no_friction(tmp_path: Path) -> None:
     found = examined(record(tmp_path / "run.mcap", acceleration, moved), scene())
     assert found.verdict == "named"
     assert found.effects[0].name == "push"
+
+
+def test_direction_and_course_tell_a_push_from_a_slip() -> None:
+    """The base accelerates along x; a slip goes along -x, and grows slowly."""
+    seconds = np.arange(0.0, 8.0, 0.02)
+    acceleration = np.zeros((len(seconds), 3))
+    acceleration[:, 0] = np.clip((seconds - 5.0) / 0.3, 0, 1) * 3.5
+
+    def part(*way: float, sudden: float = 0.0) -> Part:
+        moved = CarriedMotion("box", "slip", 5.28, 0.02, 0.01, 0.0, 5.26, way, sudden)
+        return Part(scene(), ("box",), moved, 8.0)
+
+    limits = SceneLimits.of(scene())
+    along, across = (
+        probability(limits, acceleration, 0.03, part(*w), seconds, 0.05) for w in ((-1.0, 0.0), (0.0, 1.0))
+    )
+    assert along > 20 * across > 0.0
+    slow, fast = part(-1.0, 0.0, sudden=-9.0), part(-1.0, 0.0, sudden=9.0)
+    assert of_course(slow, pushed=False) > 20 * of_course(slow, pushed=True)
+    assert of_course(fast, pushed=True) > 20 * of_course(fast, pushed=False)
 
 
 def test_an_object_elsewhere_is_found_and_allowed_for(tmp_path: Path) -> None:

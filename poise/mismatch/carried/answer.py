@@ -12,7 +12,7 @@ from poise.errors import InputError, PoiseError
 from poise.geometry import Pose, vector_of_rotation
 from poise.mismatch.carried.causes import DECLARED_WITHIN, Candidate, SceneCause, families, moved_to, tilt
 from poise.mismatch.carried.events import CarriedMotion, motions
-from poise.mismatch.carried.evidence import Part, by_chance, elsewhere, parts_of, probability, undisturbed
+from poise.mismatch.carried.evidence import Part, by_chance, elsewhere, of_course, parts_of, probability, undisturbed
 from poise.mismatch.carried.prediction import Loading, SceneLimits, loading, mode_at
 from poise.mismatch.carried.recorded import CarriedRecording
 from poise.types import Array, Progress
@@ -203,7 +203,8 @@ class _Evidence:
             limits = self.limits[number] if candidate.scene is None else SceneLimits.of(candidate.scene)
             seconds, noise = self.recording.seconds, self.recording.noise
             part = self.parts[number]
-            return probability(limits, candidate.acceleration, candidate.tolerance, part, seconds, noise)
+            course = 1.0 if candidate.swings else of_course(part, pushed=False)
+            return course * probability(limits, candidate.acceleration, candidate.tolerance, part, seconds, noise)
         except PoiseError:  # such a scene cannot be: objects overlap, or fall
             return 0.0
 
@@ -218,7 +219,7 @@ class _Evidence:
         part, seconds, noise = self.parts[number], self.recording.seconds, self.recording.noise
         felt = self.recording.acceleration
         still = undisturbed(self.limits[number], felt, DECLARED_WITHIN, part, seconds, noise)
-        return still * by_chance(part, seconds) * self.others(number)
+        return still * of_course(part, pushed=True) * by_chance(part, seconds) * self.others(number)
 
     def tried(self, cause: SceneCause, number: int | None) -> _Tried:
         """A cause that concerns one part, or all of them."""

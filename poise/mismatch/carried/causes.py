@@ -39,6 +39,7 @@ class Candidate:
         scene: with it; None: as declared.
         acceleration: (T, 3) m/s2, that it then feels.
         tolerance: one sigma of its limits, as a share.
+        swings: a part of the object moves by itself, so that the base does not give its course.
     """
 
     value: float
@@ -46,6 +47,7 @@ class Candidate:
     scene: Assembly | None
     acceleration: Array
     tolerance: float = _SHARP
+    swings: bool = False
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ def _sloshing(scene: Assembly, acceleration: Array, mover: str) -> Iterator[Cand
         swing = _resonant(acceleration, omega, 1 / GRID_RATE)
         for share in _LIQUID:
             felt = (1 - share) * acceleration + share * (1 + gravity / (omega**2 * height)) * swing
-            yield Candidate(float(frequency), 1 / (len(_SLOSH) * len(_LIQUID)), None, felt, _LOOSE)
+            yield Candidate(float(frequency), 1 / (len(_SLOSH) * len(_LIQUID)), None, felt, _LOOSE, True)
 
 
 def _resonant(values: Array, omega: float, step: float) -> Array:

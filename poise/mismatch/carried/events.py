@@ -36,6 +36,8 @@ class CarriedMotion:
         deviation: s, one sigma of that.
         moved, tilted: m and rad, most that it moved.
         released: s, when what held it gave way.
+        way: (x, y) direction of its first motion in the scene, a unit vector; () where none is known.
+        sudden: log likelihood of a steady acceleration, as after a push, over that of what the base can cause.
     """
 
     object: str
@@ -45,6 +47,8 @@ class CarriedMotion:
     moved: float
     tilted: float
     released: float = float("nan")
+    way: tuple[float, ...] = ()
+    sudden: float = 0.0
 
 
 def motions(recording: CarriedRecording, scene: Assembly) -> tuple[CarriedMotion, ...]:
@@ -86,7 +90,7 @@ def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: A
     item = scene.objects[scene.place_of(name)]
     size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
     weight = float(np.linalg.norm(scene.gravity))
-    released, time, deviation = onset(
+    released, time, deviation, sudden = onset(
         track.seconds,
         signal @ way,
         max(noise, 1e-4),
@@ -98,7 +102,8 @@ def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: A
         length * float(np.median(np.diff(track.seconds))),
     )
     farthest, most = float(track.moved.max()), float(np.linalg.norm(lean, axis=1).max())
-    return CarriedMotion(name, "tip" if tips else "slip", time, deviation, farthest, most, released)
+    mode, level = "tip" if tips else "slip", tuple(unit(way[:2]).tolist())
+    return CarriedMotion(name, mode, time, deviation, farthest, most, released, level, sudden)
 
 
 def _tips(shift: Array, lean: Array, over: float, seen: int, noise: tuple[float, float]) -> bool:

@@ -20,6 +20,11 @@ _TOGETHER = 0.05
 """s within which what is predicted and what is seen are one event, besides the error of its time."""
 _OTHER_MODE, _OTHER_OBJECT = 0.02, 0.2
 """Likelihood of seeing the other mode, or another object move first, than is predicted."""
+_WAYS, _OTHER_WAY = {"slip": np.deg2rad(20.0), "tip": np.deg2rad(40.0)}, 0.1
+"""rad, one sigma of the direction of a motion against that of the force that causes it (an object tips over an edge),
+and the probability that the direction says nothing."""
+_SUDDEN = 4.0
+"""Most that the course of a motion says, in logarithms of a probability."""
 _SOMETHING_ELSE = 0.01
 """Probability that a part does what a cause elsewhere does not explain."""
 _UPRIGHT = np.deg2rad(10.0)
@@ -120,9 +125,31 @@ def probability(
     at = int(np.flatnonzero(near)[np.argmax(found.load[near])]) if near.any() else 0
     mode = "slip" if limits.slips(acceleration[at]) else "tip"
     chance *= 1.0 if mode == first.mode else _OTHER_MODE
+    chance *= _of_way(first, acceleration[at])
     if len(part.names) > 1 and first.object not in mode_at(part.scene, acceleration[at])[1]:
         chance *= _OTHER_OBJECT
     return chance
+
+
+def _of_way(first: CarriedMotion, acceleration: Array) -> float:
+    """Probability density of the direction of a motion that an acceleration causes, over that of any direction."""
+    if not first.way:
+        return 1.0
+    off = np.arctan2(*np.flip(-acceleration[:2])) - np.arctan2(*np.flip(first.way))
+    off, spread = float(np.arctan2(np.sin(off), np.cos(off))), _WAYS[first.mode]
+    density = np.sqrt(2 * np.pi) / spread * np.exp(-0.5 * (off / spread) ** 2)
+    return float((1 - _OTHER_WAY) * density + _OTHER_WAY)
+
+
+def of_course(part: Part, pushed: bool) -> float:
+    """Likelihood of the course of a slip, after a push or under the base's acceleration; 1 on average.
+
+    How fast an object tips depends on sizes and masses that the scene does not have.
+    """
+    if part.first is None or part.first.mode == "tip":
+        return 1.0
+    sudden = float(np.clip(part.first.sudden, -_SUDDEN, _SUDDEN))
+    return float(2 / (1 + np.exp(-sudden if pushed else sudden)))
 
 
 def by_chance(part: Part, seconds: Array) -> float:

@@ -1,6 +1,7 @@
 """When a motion on a base began: the motions that its acceleration can cause, fitted to the poses seen."""
 
 import numpy as np
+from scipy.special import softmax
 
 from poise.types import Array
 
@@ -28,8 +29,8 @@ def onset(
     gain: float,
     visible: float,
     waited: float,
-) -> tuple[float, float, float]:
-    """When an object was released, when it had moved by `visible`, and one sigma of these, s.
+) -> tuple[float, float, float, float]:
+    """When an object was released, when it had moved by `visible`, one sigma of these, s, and how sudden that was.
 
     A released object is accelerated by what exceeds the acceleration at its release: by all of it if it slips, by a
     part of it, and by its own weight, if it tips. A third way is a steady acceleration, as after a push.
@@ -63,11 +64,17 @@ def onset(
         size = max(float(shape @ values) / max(float(shape @ shape), 1e-12), 0.0)
         log.append(_likelihood(size * shape, values, noise) - _FREE)
         crossed.append((at, _crossing(clock, size * steady, visible, at)))
-    weights = np.exp(np.array(log) - max(log))
-    weights /= weights.sum()
+    weights = softmax(log)
     released, moved = weights @ np.array(crossed)
     spread = float(np.sqrt(weights @ (np.array(crossed)[:, 1] - moved) ** 2))
-    return float(released), float(moved), max(spread, float(np.median(np.diff(seconds))) / 2)
+    least = float(np.median(np.diff(seconds))) / 2
+    return float(released), float(moved), max(spread, least), _sudden(weights.reshape(len(begins), -1))
+
+
+def _sudden(weights: Array) -> float:
+    """Log likelihood of a steady acceleration, the last column, over that of what the base's acceleration can cause."""
+    steady, caused = weights[:, -1].mean(), weights[:, :-1].mean()
+    return float(np.log(max(steady, 1e-300)) - np.log(max(caused, 1e-300)))
 
 
 def _released(excess: Array, stiffness: float) -> Array:

@@ -120,8 +120,9 @@ def compare(
         changes, equal = _changes(found, side, a, b, stages)
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
+    kept, small = (kept, []) if same_speed(matched) else _material(kept, side, a, b, stages)
     progress(1.0)
-    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, (*notes, *small), time.perf_counter() - begin)
 
 
 def _changes(
@@ -139,6 +140,15 @@ def _changes(
         and alike(*(stages.own_values(each.finding, one) for one in (a, b)))
     ]
     return changes, equal
+
+
+def _material(
+    changes: tuple[Change, ...], side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+) -> tuple[tuple[Change, ...], list[str]]:
+    """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
+    less = a if side == "b" else b
+    kept = tuple(each for each in changes if beyond_errors(each, stages.own_values(each.finding, less), less))
+    return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -178,10 +188,15 @@ def _likelier(ways: _Ways, stages: Stages) -> tuple[Recorded, Diagnosis]:
     first: Recorded = "a" if has_less(without_common(*ways["b"])) else "b"
     other: Recorded = "b" if first == "a" else "a"
     found = _one_way(*ways[first], stages)
-    if found.verdict in ("none", "named"):
+    if found.verdict in ("none", "named") or (found.findings and not _unexplained(found)):
         return first, found
     instead = _one_way(*ways[other], stages)
     return (other, instead) if _better(instead, found) else (first, found)
+
+
+def _unexplained(found: Diagnosis) -> bool:
+    """Whether a residual is left; effects that no name is sure of explain theirs."""
+    return any(each.residual_test.structured for each in found.examinations)
 
 
 def _one_way(
@@ -197,11 +212,11 @@ def _one_way(
 
 def without_common(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:
     """This recording without what the other has too, where both move alike."""
-    slip = math.inf
-    if same_speed(matched):
+    slip, same = math.inf, same_speed(matched)
+    if same:
         _, seconds, places = postures(this)
         slip = _SLIP * float(np.sqrt(np.mean((np.gradient(places, seconds, axis=0) ** 2).sum(axis=1))))
-    return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN))
+    return difference(this, other, matched, matched.alike(_NEAR, slip, _MARGIN), same)
 
 
 def _better(one: Diagnosis, usual: Diagnosis) -> bool:

@@ -13,7 +13,9 @@ _FEWEST = 200
 """Samples of a signal that a comparison needs."""
 
 
-def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment, alike: Mask) -> RecordedMotion:
+def difference(
+    this: RecordedMotion, other: RecordedMotion, alignment: Alignment, alike: Mask, same_speed: bool
+) -> RecordedMotion:
     """This recording minus what the other one's readings are above its prediction, at the same place of the motion.
 
     What the model lacks in both cancels; what only one has stays. Samples without a counterpart are left out.
@@ -22,6 +24,7 @@ def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment
         this, other: with the predictions of one model, and with efforts of the same joints.
         alignment: of this with the other.
         alike: (K,) the times of the alignment at which both motions are the same.
+        same_speed: whether both go through it at one speed, so that errors of the model cancel.
 
     Raises:
         InputError: TOO_FEW_SAMPLES when too little is left.
@@ -36,7 +39,7 @@ def difference(this: RecordedMotion, other: RecordedMotion, alignment: Alignment
         result = replace(result, wrench=np.full_like(this.wrench, np.nan))
     effort = None
     if this.effort is not None and other.effort is not None:
-        effort = _efforts(this.effort, other.effort, alignment, alike)
+        effort = _efforts(this.effort, other.effort, alignment, alike, same_speed)
     if kept.sum() < _FEWEST or (effort is not None and len(effort.seconds) < _FEWEST):
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES, f"compare: only {kept.sum()} samples have a counterpart in the other recording"
@@ -78,11 +81,11 @@ def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Ma
     return np.where(kept, times, others[0]), kept
 
 
-def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask) -> EffortTrack:
+def _efforts(this: EffortTrack, other: EffortTrack, alignment: Alignment, alike: Mask, same_speed: bool) -> EffortTrack:
     times, kept = _counterparts(this.seconds, other.seconds, alignment, alike)
     rest = linear_at(other.seconds, other.measured - other.prediction, times)
     varied = _sum(this.motion_variance, other.motion_variance, times, other.seconds)
-    return replace(this, measured=this.measured - rest, motion_variance=varied).select(kept)
+    return replace(this, measured=this.measured - rest, motion_variance=varied, errors_cancel=same_speed).select(kept)
 
 
 def _sum(own: Array | None, others: Array | None, times: Array, seconds: Array) -> Array | None:

@@ -8,7 +8,7 @@ from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
 _ROWS = 1500
-"""Samples that are used at most."""
+"""Averages of consecutive samples that are used at most."""
 
 
 def has_less(difference: RecordedMotion) -> bool:
@@ -19,21 +19,22 @@ def has_less(difference: RecordedMotion) -> bool:
     found = 0.0
     effort = difference.effort
     if effort is not None and effort.names:
-        step = max(len(effort.seconds) // _ROWS, 1)
-        noise = np.maximum(np.std(np.diff(effort.measured - effort.prediction, axis=0), axis=0), 1e-9)
-        residual = ((effort.measured - effort.prediction) / noise)[::step]
-        columns = _friction(effort)[::step] / noise[:, None]
+        columns = _friction(effort)
         load = _load_on_efforts(difference)
         if load is not None:
-            columns = np.concatenate([columns, load[::step] / noise[:, None]], axis=2)
+            columns = np.concatenate([columns, load], axis=2)
+        residual = effort.measured - effort.prediction
         found += _signed(columns, residual, positive=3 * len(effort.names), mass=load is not None)
     if difference.has("wrench"):
-        load = _payload(difference)
-        step = max(len(difference) // _ROWS, 1)
-        residual = difference.wrench - difference.prediction
-        noise = np.maximum(np.std(np.diff(residual, axis=0), axis=0), 1e-9)
-        found += _signed((load / noise[:, None])[::step], (residual / noise)[::step], positive=0, mass=True)
+        found += _signed(_payload(difference), difference.wrench - difference.prediction, positive=0, mass=True)
     return found < 0.0
+
+
+def _averaged(values: Array) -> Array:
+    """Of consecutive samples, `_ROWS` at the most: a change that is smaller than the noise of a sample counts, too."""
+    together = -(-len(values) // _ROWS)
+    whole = values[: len(values) // together * together]
+    return np.asarray(whole.reshape(-1, together, *values.shape[1:]).mean(axis=1))
 
 
 def _signed(columns: Array, residual: Array, positive: int, mass: bool) -> float:
@@ -44,8 +45,10 @@ def _signed(columns: Array, residual: Array, positive: int, mass: bool) -> float
         positive: number of the first columns whose coefficients are positive.
         mass: the column after these is a mass, and the rest belongs to it.
     """
-    wide = columns.reshape(-1, columns.shape[2])
-    right = wide.T @ residual.ravel()
+    columns, residual = _averaged(columns), _averaged(residual)
+    noise = np.maximum(np.std(np.diff(residual, axis=0), axis=0), 1e-9)
+    wide = (columns / noise[:, None]).reshape(-1, columns.shape[2])
+    right = wide.T @ (residual / noise).ravel()
     normal = wide.T @ wide
     found = np.linalg.solve(normal + 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal)), right)
     energy = found * np.abs(found) * np.diag(normal)

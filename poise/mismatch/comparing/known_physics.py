@@ -2,17 +2,22 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from poise.mismatch.answer import Diagnosis
-from poise.mismatch.effects import numbered_joints
+from poise.mismatch.effects import PAYLOAD_PARAMETERS, numbered_joints
 from poise.mismatch.recorded import RecordedMotion
 from poise.simulation.models import JointPhysics
 
 
 def with_known_physics(recorded: RecordedMotion, found: Diagnosis) -> RecordedMotion:
-    """The recording whose model has the friction and rotors that a diagnosis found: it may have less of them.
+    """The recording whose model has the friction, rotors and load that a diagnosis found: it may have less of them.
 
     Their efforts are not added to the prediction: `with_model_effects` does that.
     """
+    loads = [each for each in found.findings if each.effect.name == "payload_parameters"]
+    phi = recorded.phi + sum(np.array([each.values[name] for name in PAYLOAD_PARAMETERS]) for each in loads)
+    recorded = replace(recorded, phi=phi)
     effort = recorded.effort
     if effort is None:
         return recorded

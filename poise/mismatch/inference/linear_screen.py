@@ -34,6 +34,8 @@ _CHOICES = 2
 """Times that effects which choose a joint or a moment are looked for in what the others leave."""
 _LEAST_EVENT = 20.0
 """log evidence (by its number of parameters) from which an event is fitted in full."""
+_LEAST_GAIN = 20.0
+"""log likelihood that an effect must win in some joint of a difference of two recordings, on other blocks."""
 _TOLERANCE_RIDGE = 0.01
 """Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
 _RIDGE = 1e-9
@@ -60,7 +62,10 @@ class _Family:
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Normal matrices (B, J, K, K), vectors (B, J, K) and squares (B, J) of all columns; `places` of each family."""
+    """Normal matrices (B, J, K, K), vectors (B, J, K) and squares (B, J) of all columns; `places` of each family.
+
+    `noise` (J,) is the variance of the readings that no effect has to explain: zero unless errors of the model cancel.
+    """
 
     families: tuple[_Family, ...]
     places: tuple[slice, ...]
@@ -69,6 +74,7 @@ class _Sums:
     square: Array
     rows: Array
     floor: Array
+    noise: Array
 
     @cached_property
     def nominal(self) -> Array:
@@ -125,6 +131,7 @@ class _Screen:
         self._recorded = replace(problem.recorded, effort=thin)
         self._target = thin.measured - thin.prediction
         self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
+        self._noise = 0.5 * np.mean(np.diff(self._target, axis=0) ** 2, axis=0) * effort.errors_cancel
         groups = problem.groups(self._recorded)
         columns = np.concatenate([group.columns for group in groups], axis=2)
         bound = np.concatenate([group.bounds for group in groups])
@@ -147,7 +154,7 @@ class _Screen:
                 columns = columns if beside is None else self._mean(columns)
                 family = _Family(effect, dict(start), columns, precision, lower, upper)
                 self._families.append(family)
-        return _summed(self._families, self._target, self._floor)
+        return _summed(self._families, self._target, self._floor, self._noise)
 
     def _mean(self, values: Array) -> Array:
         return np.asarray(values[self._groups].mean(axis=1))
@@ -167,7 +174,7 @@ class _Screen:
         return replace(effort, **changes)  # type: ignore[arg-type]
 
 
-def _summed(families: Sequence[_Family], target: Array, floor: Array) -> _Sums:
+def _summed(families: Sequence[_Family], target: Array, floor: Array, noise: Array) -> _Sums:
     whole = np.concatenate([family.columns for family in families], axis=2)
     ends = np.cumsum([family.columns.shape[2] for family in families])
     places = tuple(
@@ -178,7 +185,7 @@ def _summed(families: Sequence[_Family], target: Array, floor: Array) -> _Sums:
     matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
     vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
     square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
-    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor)
+    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor, noise)
 
 
 def _numbered(sums: _Sums, chosen: Sequence[int]) -> list[tuple[int, slice]]:
@@ -308,6 +315,10 @@ def _proven(sums: _Sums, before: Array, after: Array, variance: Array) -> bool:
     """Whether the error falls materially in some joint, over all blocks and again in most of them."""
     falls = (before - after).mean(axis=0)
     material = (falls > _LEAST * before.mean(axis=0)) & (falls > _DETAIL * sums.nominal)
+    if sums.noise.any():
+        sure = 0.5 * sums.rows.sum() * falls > _LEAST_GAIN * variance
+        left, nominal = (np.maximum(error - sums.noise, 0.0) for error in (before.mean(axis=0), sums.nominal))
+        material |= sure & (falls > _LEAST * left) & (falls > _DETAIL * nominal)
     blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
     return bool(material.any() and falls @ (1 / variance) > 0.0 and blocks.sum() >= _IN_BLOCKS)
 

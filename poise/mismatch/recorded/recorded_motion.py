@@ -95,6 +95,8 @@ class EffortTrack:
         prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
         stated: (J) the friction, rotors and springs that the nominal model has, in `prediction` from the beginning; ():
             a rigid arm.
+        errors_cancel: `measured` is without what another recording of the same motion has beyond `prediction`: errors
+            of the model have no part in the residual.
     """
 
     seconds: Array
@@ -113,6 +115,7 @@ class EffortTrack:
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
     stated: tuple[JointPhysics, ...] = ()
+    errors_cancel: bool = False
 
     @property
     def accelerating(self) -> Array:
@@ -122,7 +125,7 @@ class EffortTrack:
     def select(self, rows: Mask) -> "EffortTrack":
         """The samples of a mask (M,)."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
-        held = {name: value for name, value in arrays.items() if not (value is None or isinstance(value, tuple))}
+        held = {name: value for name, value in arrays.items() if isinstance(value, np.ndarray | LinkTrack)}
         return replace(self, **{name: value[rows] for name, value in held.items()})
 
     def unit(self, turning: str, *joints: str) -> str:
