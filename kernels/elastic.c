@@ -9,8 +9,8 @@
 #include "bodies.h"
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
-                    NEARLY = 1e4, GAINS = 0.7;
-enum { PATIENCE = 4 };
+                    NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5;
+enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2 };
 
 /* The springs of all pairs, one pair after another. */
 struct elastic {
@@ -186,13 +186,40 @@ static double merit_at(const struct elastic *contacts, struct aim *aim, const do
   return sqrt(dot(rest, rest, size));
 }
 
+static double merit_along(const struct elastic *contacts, struct aim *aim, struct steps *made, const double *u,
+                          double length) {
+  const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
+  for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
+  for (int64_t i = 0; i < 3 * springs; i++) made->there[i] = made->relative[i] + length * made->moved[i];
+  return merit_at(contacts, aim, made->there_u, made->there, made->rest);
+}
+
+/* How long a step from u, of merit `value`, is best: the first length that halves what is left (of an energy: that
+   lessens it), otherwise the best one of those tried. The place it leads to is left in `made`. */
+static void search_line(const struct elastic *contacts, struct aim *aim, struct steps *made, const double *u,
+                        double value, double *best, double *least) {
+  const double good = aim->bounds ? value : GOOD * value;
+  double length = 1.0;
+  *least = INFINITY;
+  *best = 0.0;
+  for (int tried = 0; tried < LENGTHS; tried++, length /= 2.0) {
+    const double new = merit_along(contacts, aim, made, u, length);
+    if (new < *least) {
+      *least = new;
+      *best = length;
+    }
+    if (new < good) return;
+  }
+  if (*least < value) merit_along(contacts, aim, made, u, *best);
+}
+
 /* u (6 n) moves by damped Newton steps that lessen the merit; the power of a push on u does not change. */
 static void newton(const struct elastic *contacts, struct aim *aim, struct steps *made, double enough, int64_t steps,
                   double time, double *u, double *value, int64_t *taken) {
   const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
   const double end = time < 0.0 ? INFINITY : seconds() + time;
   double damping = 0.0, earlier = INFINITY;
-  int stale = 0;
+  int stale = 0, full = 0;
   spring_motions(contacts, u, made->relative);
   for (int64_t p = 0; p < springs; p++) made->relative[3 * p] += contacts->slack;
   *value = merit_at(contacts, aim, u, made->relative, made->rest);
@@ -220,20 +247,17 @@ static void newton(const struct elastic *contacts, struct aim *aim, struct steps
       for (int64_t i = 0; i < size; i++) made->step[i] -= share * made->along[i];
     }
     spring_motions(contacts, made->step, made->moved);
-    double length = 1.0, new = INFINITY;
     const double factor = aim->factor;
-    for (int tried = 0; tried < 3; tried++, length /= 2.0) {
-      for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
-      for (int64_t i = 0; i < 3 * springs; i++) made->there[i] = made->relative[i] + length * made->moved[i];
-      new = merit_at(contacts, aim, made->there_u, made->there, made->rest);
-      if (new < *value) break;
-    }
+    double length, new;
+    search_line(contacts, aim, made, u, *value, &length, &new);
     if (new < *value) {
       memcpy(u, made->there_u, sizeof(double) * (size_t)size);
       memcpy(made->relative, made->there, sizeof(double) * (size_t)(3 * springs));
       *value = new;
-      if (length == 1.0) damping = damping > FORGOTTEN ? damping / 10.0 : 0.0;
+      full = length == 1.0 ? full + 1 : 0;
+      if (full >= AGAIN || (full && damping <= LITTLE)) damping = damping > FORGOTTEN ? damping / 10.0 : 0.0;
     } else {
+      full = 0;
       aim->factor = factor;
       damping = fmax(10.0 * damping, LITTLE);
       if (damping > MOST_DAMPING) break;

@@ -19,7 +19,7 @@ from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
 from poise.placement import CancelledError, Options, PackingOptions, Upright
-from poise.placement.packing import Packing, pack, turns, turns_of
+from poise.placement.packing import Packing, find_container, pack, turns, turns_of
 from poise.worlds import save_scene
 
 TOUCHING = PackingOptions(gap=0.0)
@@ -242,6 +242,20 @@ def test_every_request_ends_by_its_deadline(monkeypatch, deadline):
         pack(totes.tote(), cubes(80, 0.03), Options(deadline=deadline))
     assert error.value.code is ErrorCode.DEADLINE
     assert next(clock) <= (60 if deadline is None else deadline) + 5
+
+
+@pytest.mark.parametrize("steps", [1, 2, 4])
+def test_the_search_for_the_container_ends_by_the_deadline(steps):
+    """It asks before each of its steps, and ends with what that raises."""
+    asked = count(1)
+
+    def proceed():
+        if next(asked) >= steps:
+            raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        find_container(totes.tote(), None, None, proceed)
+    assert next(asked) == steps + 1
 
 
 def test_an_arrangement_that_is_certified_in_time_is_given():

@@ -25,10 +25,14 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
-_PATH_STEPS, _REACHED = 25, 2e-4
-"""Newton steps to one point of the path of a growing load, and what may be left there of the load on each body."""
+_REACHED = 2e-4
+"""What may be left of the load on each body at a point of the path of a growing load."""
 _NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
 """There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
+_LENGTHS, _GOOD = 5, 0.5
+"""Lengths of a step that are tried, each half of the one before, until one lessens what is left to this share."""
+_LITTLE, _AGAIN = 1e-4, 2
+"""The least damping, and after so many whole steps in a row it is reduced."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 FACTOR_TOLERANCE = 0.004
@@ -173,8 +177,8 @@ class CoulombBlock:
             return ElasticFactor(0.0, True, rest.displacement)
         most, weight = min(above, expected), float(np.linalg.norm(gravity))
 
-        def reach(start: Array) -> PathPoint | None:
-            return None if deadline.passed else self._reach(load, start, deadline)
+        def reach(start: Array, steps: int) -> PathPoint | None:
+            return None if deadline.passed else self._reach(load, start, steps, deadline)
 
         path = follow(reach, rest.displacement, self._response(rest.displacement, load), load, most, weight, tolerance)
         if len(path.points) == 1 and not deadline.passed:
@@ -225,15 +229,15 @@ class CoulombBlock:
         """The displacement (6 n,) of least energy with friction limited to the bounds (P,), as far as time allows."""
         return self._descend(load, start, bounds, _TRESCA_STEPS, deadline)
 
-    def _reach(self, load: Array, start: Array, deadline: Deadline) -> PathPoint | None:
+    def _reach(self, load: Array, start: Array, steps: int, deadline: Deadline) -> PathPoint | None:
         """The equilibrium at which a load has the power that it has at the start; None where none is found."""
         gravity, compiled = self.geometry.gravity.ravel(), self.contacts.compiled
         enough = _SETTLED / 10 * (float(np.linalg.norm(gravity)) or 1.0)
         if compiled is not None:
-            u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, _PATH_STEPS, deadline)
+            u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, steps, deadline)
         else:
             goal = _Goal(gravity, push=load)
-            u, left, steps = self._steps(goal, start, enough, _PATH_STEPS, deadline)
+            u, left, steps = self._steps(goal, start, enough, steps, deadline)
             factor, compliance = goal.factor, goal.compliance
         total = gravity + factor * load
         size = max(float(np.linalg.norm(total)), float(np.linalg.norm(gravity)))
@@ -258,7 +262,7 @@ class CoulombBlock:
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
         bond of the contacts, shortens it.
         """
-        contacts, damping, step = self.contacts, 0.0, 0
+        contacts, damping, step, full = self.contacts, 0.0, 0, 0
         earlier, stale = np.inf, 0
         relative = contacts.relative(u)
         value, rest = goal.merit(contacts, u, relative)
@@ -270,17 +274,16 @@ class CoulombBlock:
                 if stale == _PATIENCE:
                     break
                 earlier = min(earlier, value)
-            move = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest)
-            moved, factor = contacts.moved(move), goal.factor
-            for length in (1.0, 0.5, 0.25) if np.isfinite(move).all() else ():
-                there = relative + length * moved
-                new, new_rest = goal.merit(contacts, u + length * move, there)
-                if new < value:
-                    u, value, rest, relative = u + length * move, new, new_rest, there
-                    damping = damping / 10 if damping > 1e-7 and length == 1 else 0.0 if length == 1 else damping
-                    break
+            move, factor = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest), goal.factor
+            length, new = goal.search(contacts, u, relative, move, value) if np.isfinite(move).all() else (0.0, np.inf)
+            if new < value:
+                u, relative = u + length * move, relative + length * contacts.moved(move)
+                value, rest = goal.merit(contacts, u, relative)
+                full = full + 1 if length == 1 else 0
+                if full >= _AGAIN or (full and damping <= _LITTLE):
+                    damping = damping / 10 if damping > 1e-7 else 0.0
             else:
-                goal.factor, damping = factor, max(10 * damping, 1e-4)
+                goal.factor, damping, full = factor, max(10 * damping, _LITTLE), 0
                 if damping > 10:
                     break
         return u, value, step
@@ -310,6 +313,24 @@ class _Goal:
         except np.linalg.LinAlgError:
             return np.full_like(rest, np.nan)
         return move
+
+    def search(
+        self, contacts: ElasticContacts, u: Array, relative: Array, move: Array, value: float
+    ) -> tuple[float, float]:
+        """How long a step from a displacement of merit `value` is best, and the merit there.
+
+        The first length that halves what is left (of an energy: that lessens it), otherwise the best one of those
+        tried.
+        """
+        moved, good = contacts.moved(move), value if self.bounds is not None else _GOOD * value
+        best, least = 0.0, np.inf
+        for length in 0.5 ** np.arange(_LENGTHS):
+            new, _ = self.merit(contacts, u + length * move, relative + length * moved)
+            if new < least:
+                best, least = float(length), new
+            if new < good:
+                break
+        return best, least
 
     def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
         """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""

@@ -15,8 +15,9 @@ from poise.types import Array
 _FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
 # How far the next step goes, as a multiple of the way so far: after many Newton steps, or few.
 _AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
-_MANY, _SURE = 12, 1.5
-"""After more Newton steps than this a longer step may have led to another equilibrium: a shorter one is tried."""
+_MOST, _MANY, _SURE = 25, 10, 1.5
+"""Newton steps to one point. After more than `_MANY` a longer step than `_SURE` may have led to another equilibrium: a
+shorter one is tried."""
 _LEAST_GROWTH, _STEPS = 1.1, 40
 _SHORTER = 6
 """Times that the first step is taken again, an eighth as long, where it led to collapse."""
@@ -61,8 +62,9 @@ class LoadPath:
         return max(self.points, key=lambda point: point.factor)
 
 
-EquilibriumSearch = Callable[[Array], PathPoint | None]
-"""From a displacement to the equilibrium at which the load has the same power; None where none is found."""
+EquilibriumSearch = Callable[[Array, int], PathPoint | None]
+"""From a displacement to the equilibrium at which the load has the same power; None where none is found after so many
+Newton steps."""
 
 
 def follow(
@@ -91,8 +93,9 @@ def follow(
     guess = rest + way * slope
     points, shorter = [PathPoint(rest, 0.0)], 0
     for _ in range(_STEPS):
-        here, last = reach(guess), points[-1]
-        if here is None or (here.steps > _MANY and done and ahead > _SURE):
+        careful = done > 0 and ahead > _SURE
+        here, last = reach(guess, _MANY + 1 if careful else _MOST), points[-1]
+        if here is None or (careful and here.steps > _MANY):
             ahead = float(np.sqrt(ahead))
             if ahead < _LEAST_GROWTH:
                 return LoadPath(points, last.displacement, False)

@@ -1,6 +1,6 @@
 """The room that is packed: what the fixed bodies of a scene enclose, or the top of one of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -70,13 +70,16 @@ class Container:
         return float(np.sum(areas * np.maximum(top - ground, 0.0)))
 
 
-def find_container(assembly: Assembly, into: str | None, height: float | None) -> Container:
+def find_container(
+    assembly: Assembly, into: str | None, height: float | None, proceed: Callable[[], None] = lambda: None
+) -> Container:
     """The room to pack: the largest that fixed bodies enclose, the one over a body, or the top of a body.
 
     Args:
         assembly: with the fixed bodies.
         into: id of the fixed body that carries the load; None: found.
         height: m, of the lid over the lowest point inside; None: no lid.
+        proceed: called before each step; what it raises, as where a deadline has passed, ends the search.
 
     Raises:
         InputError: OBJECT_UNKNOWN; BAD_INPUT for a body that is not fixed; OBJECT_INVALID when there is no container,
@@ -86,11 +89,12 @@ def find_container(assembly: Assembly, into: str | None, height: float | None) -
     body = None if into is None else _named(assembly, into)
     up = -unit(np.asarray(assembly.gravity))
     axes = level_axes(up, body)
+    proceed()
     found = enclosed(fixed, axes, body)
     if found is None and body is None:  # thin walls are seen on a grid of their own only
-        found, axes, body = over_one(fixed, up) or (None, axes, None)
+        found, axes, body = over_one(fixed, up, proceed) or (None, axes, None)
     if found is not None:
-        found, axes = along_walls(fixed, up, axes, found)
+        found, axes = along_walls(fixed, up, axes, found, proceed)
     if found is None:
         if body is None and len(fixed) != 1:
             raise InputError(

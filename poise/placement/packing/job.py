@@ -166,7 +166,12 @@ class _Job:
         self._deadline = SECONDS if options.deadline is None else options.deadline
         self._iteration = 0
         self._rejected: Counter[str] = Counter()
-        self._container = find_container(analysis.assembly, options.packing.into, options.packing.height)
+        try:
+            self._container = find_container(
+                analysis.assembly, options.packing.into, options.packing.height, lambda: self._require_time(1.0)
+            )
+        except _LateError:
+            raise self._late() from None
         axes, loaded = self._container.axes, [item for item in analysis.assembly.objects if not item.fixed]
         covers = [cover_of(item.shape.polyhedron, item.vertices @ axes.T) for item in loaded]
         self._before = [item for item in loaded if self._container.holds(item)]

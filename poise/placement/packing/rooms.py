@@ -1,6 +1,6 @@
 """Rooms that fixed bodies enclose: parts of the ground with something higher all around."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -87,10 +87,13 @@ def enclosed(fixed: Sequence[RigidObject], axes: Array, body: RigidObject | None
     return Room(room, level, origin, cell, volume)
 
 
-def over_one(fixed: Sequence[RigidObject], up: Array) -> tuple[Room, Array, RigidObject] | None:
-    """The largest room over a single body, with the body's axes."""
+def over_one(
+    fixed: Sequence[RigidObject], up: Array, proceed: Callable[[], None]
+) -> tuple[Room, Array, RigidObject] | None:
+    """The largest room over a single body, with the body's axes; `proceed` is called before each body."""
     rooms = []
     for item in fixed:
+        proceed()
         if _may_hold(item, fixed, up):
             axes = level_axes(up, item)
             found = enclosed(fixed, axes, item)
@@ -129,11 +132,17 @@ def _may_hold(item: RigidObject, fixed: Sequence[RigidObject], up: Array) -> boo
     return rising >= _WALLS
 
 
-def along_walls(fixed: Sequence[RigidObject], up: Array, axes: Array, found: Room) -> tuple[Room, Array]:
-    """A room on a fine grid along its walls, and these axes: those of the bodies around in which it is most square."""
+def along_walls(
+    fixed: Sequence[RigidObject], up: Array, axes: Array, found: Room, proceed: Callable[[], None]
+) -> tuple[Room, Array]:
+    """A room on a fine grid along its walls, and these axes: those of the bodies around in which it is most square.
+
+    `proceed` is called before each body and each choice of axes.
+    """
     place, reach = found.corners @ axes[:2], found.cell
     choices = {0.0: axes}
     for item in fixed:
+        proceed()
         corners = (item.vertices @ axes.T)[:, :2]
         low, high = found.sides + reach * np.array([[-_MARGIN], [_MARGIN]])
         if np.all((corners.min(axis=0) < high) & (corners.max(axis=0) > low)):
@@ -142,6 +151,7 @@ def along_walls(fixed: Sequence[RigidObject], up: Array, axes: Array, found: Roo
             choices.setdefault(round(float(angle), 4) % round(np.pi / 2, 4), own)
     best, along = found, axes
     for choice in list(choices.values())[:_CHOICES]:
+        proceed()
         flat = place @ choice[:2].T
         heights, origin, cell = _heights(
             fixed, choice, flat.min(axis=0) - _MARGIN * reach, flat.max(axis=0) + _MARGIN * reach
