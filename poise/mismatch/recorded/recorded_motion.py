@@ -125,7 +125,9 @@ class EffortTrack:
     def select(self, rows: Mask) -> "EffortTrack":
         """The samples of a mask (M,)."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
-        held = {name: value for name, value in arrays.items() if isinstance(value, np.ndarray | LinkTrack)}
+        held: dict[str, Any] = {
+            name: value for name, value in arrays.items() if isinstance(value, np.ndarray | LinkTrack)
+        }
         return replace(self, **{name: value[rows] for name, value in held.items()})
 
     def unit(self, turning: str, *joints: str) -> str:
