@@ -94,7 +94,7 @@ def carve(
     inside = reach <= ball
     if depth is not None:
         inside = reach <= _LARGEST_BALL
-        inside &= ~_pockets(points, tetrahedra, neighbours, (reach, order, parents), inside, depth, normals)
+        inside &= ~_pockets(points, tetrahedra, neighbours, (reach, order, parents), inside, ball, depth, normals)
     found = _solid(points, tetrahedra, neighbours, inside & (volumes > 0))
     if not len(found.tetrahedra):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
@@ -131,6 +131,7 @@ def _pockets(
     neighbours: Indices,
     tree: tuple[Array, Indices, Indices],
     inside: Mask,
+    ball: float,
     depth: float,
     normals: Array | None,
 ) -> Mask:
@@ -152,7 +153,7 @@ def _pockets(
     deep = np.zeros(len(points), bool)
     if buried.any():
         deep[buried] = cKDTree(points[~buried]).query(points[buried])[0] > depth
-    fits = reach > _BALL
+    fits = reach > ball
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
     facing = normals if normals is not None else oriented_normals(points, facets)
