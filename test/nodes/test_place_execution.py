@@ -55,15 +55,11 @@ def goal(item=CAN, **more):
     return {"assembly": [assembly_message(SCENE, FRAME)], "object": there, "seed": SEED, "execute": True, **more}
 
 
-SIMULATED = {"publish_clock": True, "clock_lead": 0.2}
-"""The robot's clock waits for the planner, so that a busy machine makes nothing late."""
-
-
-def start_both(start_node, graph, caller, planner=PLANNER, remaps=None, simulated=False):
+def start_both(start_node, graph, caller, planner=PLANNER, remaps=None):
     """Both nodes, found by each other; the joint states from here on."""
-    start_node("placement_planner", planner | {"ready_timeout": 20.0, "use_sim_time": simulated})
+    start_node("placement_planner", planner | {"ready_timeout": 20.0})
     caller.ready()
-    robot = start_node("fake_robot", ROBOT | (SIMULATED if simulated else {}), remaps)
+    robot = start_node("fake_robot", ROBOT, remaps)
     states = graph.collect("joint_states", JointState, 10_000)
     graph.wait_for(lambda: states, what="the robot")
     refused = {ErrorCode.ROBOT_DESCRIPTION_MISSING, ErrorCode.TOPIC_MISSING}
@@ -97,9 +93,7 @@ def test_a_can_is_picked_up_and_put_on_a_cube(start_node, graph, caller):
     transform = TransformStamped(child_frame_id="base_link")
     transform.header.frame_id, transform.transform.translation.x = FRAME, -0.5
     graph.node.create_publisher(TFMessage, "tf_static", LATCHED).publish(TFMessage(transforms=[transform]))
-    _, states = start_both(
-        start_node, graph, caller, PLANNER | {"base": [5.0, 5.0, 0.0, 0.0]}, simulated=True
-    )  # tf knows better
+    _, states = start_both(start_node, graph, caller, PLANNER | {"base": [5.0, 5.0, 0.0, 0.0]})  # tf knows better
     planned = caller.result(caller.send(**goal(deadline=60.0, execute=False))).result
     caller.feedback.clear()
     done = caller.result(caller.send(**goal(deadline=60.0)))
