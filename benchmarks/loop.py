@@ -1,6 +1,8 @@
 """Whole loops of random objects in the fake robot: `python -m benchmarks.loop [--seeds 5] [--first 100] [--kill NODE]`.
 
-Each seed is one run of `poise loop`, with its nodes as processes, in real time. With `--kill any` one node is killed by
+Each seed is one run of `poise loop`, with its nodes as processes, in simulated time. With --out FOLDER each result is
+kept there, by commit and seed; a series that was stopped goes on where it was, and the table is over all in the folder.
+A seed that another commit has answered is not asked again. With `--kill any` one node is killed by
 SIGKILL at a random time of each loop. The stack of each loop is then carried in MuJoCo at 0.8, 1.0 and 1.5 times its
 limits.
 """
@@ -40,10 +42,13 @@ PATIENCE = 1800.0
 console = Console(width=120)
 
 
-def one_loop(seed: int, objects: int, distance: float, shapes: str, kill: str, out: Path) -> dict[str, Any]:
+def one_loop(
+    seed: int, objects: int, distance: float, shapes: str, kill: str, out: Path, real_time: bool = False
+) -> dict[str, Any]:
     """The content of loop.json of one run, with what came of its stack in MuJoCo."""
     command = [sys.executable, "-m", "poise.cli", "loop", "--seed", str(seed), "--objects", str(objects)]
     command += ["--distance", str(distance), "--shapes", shapes, "--out", str(out)]
+    command += ["--real-time"] if real_time else []
     rng = np.random.default_rng([seed, 9])
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     killed: list[str] = []
@@ -103,6 +108,30 @@ def carried_in_mujoco(stack: Assembly | None) -> dict[str, list[bool]]:
         return {}
 
 
+class _Kept:
+    """Results in a folder: COMMIT/SEED.json, and SEED-killed.json where a node was to be killed."""
+
+    def __init__(self, folder: Path, objects: int, kill: str) -> None:
+        told = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+        self._folder, self._commit = folder, told.stdout.strip() or "unknown"
+        self._end = f"{'' if objects == 5 else f'-{objects}'}{'-killed' if kill else ''}.json"
+
+    def has(self, seed: int) -> bool:
+        """Whether any commit has answered a seed."""
+        return any(self._folder.glob(f"*/{seed}{self._end}"))
+
+    def keep(self, loop: dict[str, Any]) -> None:
+        """Write the result of a seed."""
+        file = self._folder / self._commit / f"{loop['seed']}{self._end}"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, json.dumps(loop | {"commit": self._commit, "load": os.getloadavg()[1]}, indent=1).encode())
+
+    def all(self) -> list[dict[str, Any]]:
+        """What the folder has, of all commits."""
+        found = sorted(self._folder.glob("*/*.json"), key=lambda file: (int(file.stem.split("-")[0]), file.stem))
+        return [json.loads(file.read_text()) for file in found]
+
+
 def summary(loops: list[dict[str, Any]]) -> dict[str, Any]:
     """The counts of the table."""
     objects = [each for loop in loops for each in loop["objects"] if "true_mass" in each]
@@ -131,6 +160,11 @@ def summary(loops: list[dict[str, Any]]) -> dict[str, Any]:
         "carried_moved": max(moved, default=None),
         "planning": [loop.get("planning") for loop in loops],
         "seconds": [loop.get("seconds") for loop in loops],
+        "machine_seconds": [loop.get("machine_seconds") for loop in loops],
+        "killed": [
+            [loop["complete"] for loop in loops if loop.get("killed")].count(True),
+            sum(bool(loop.get("killed")) for loop in loops),
+        ],
         "mujoco": {share: [sum(oks), len(oks)] for share, oks in held.items()},
     }
 
@@ -142,6 +176,7 @@ def show(found: dict[str, Any]) -> None:
     table.add_column("measured", justify="right")
     table.add_row("complete", f"{found['complete']} of {found['loops']}")
     table.add_row("not complete, ended with a code", str(found["coded"]))
+    table.add_row("complete, of those with a node killed", "{} of {}".format(*found["killed"]))
     table.add_row("objects placed; weighed", f"{found['placed']}; {found['weighed']} of {found['objects']}")
     if found["weighed"]:
         table.add_row("mass, median error", f"{100 * found['mass_error']:.2f} %")
@@ -157,7 +192,8 @@ def show(found: dict[str, Any]) -> None:
     table.add_row(
         "planning and computing, s", ", ".join(f"{each:.0f}" for each in found["planning"] if each is not None)
     )
-    table.add_row("whole loop, s", ", ".join(f"{each:.0f}" for each in found["seconds"] if each is not None))
+    for name, key in (("whole loop, s of its time", "seconds"), ("whole loop, s of the machine", "machine_seconds")):
+        table.add_row(name, ", ".join(f"{each:.0f}" for each in found[key] if each is not None))
     console.print(table)
 
 
@@ -173,16 +209,28 @@ def main() -> None:
         "--kill", default="", metavar="NODE", help="kill this node once in each loop; any: a random one"
     )
     parser.add_argument("--quick", action="store_true", help="one loop of one object")
+    parser.add_argument(
+        "--real-time", action="store_true", help="in the time of the machine, as poise loop --real-time"
+    )
+    parser.add_argument("--out", type=Path, help="keep the result of each seed in this folder, and go on with it")
     parser.add_argument("--json", type=Path, help="write all results there")
     options = parser.parse_args()
     seeds, objects = (1, 1) if options.quick else (options.seeds, options.objects)
     loops = []
+    kept = options.out and _Kept(options.out, objects, options.kill)
     for seed in range(options.first, options.first + seeds):
+        if kept and kept.has(seed):
+            continue
         with TemporaryDirectory() as folder:
-            loop = one_loop(seed, objects, options.distance, options.shapes, options.kill, Path(folder))
+            loop = one_loop(
+                seed, objects, options.distance, options.shapes, options.kill, Path(folder), options.real_time
+            )
         loops.append(loop)
+        if kept:
+            kept.keep(loop)
         state = "complete" if loop["complete"] else f"not complete: {' '.join(loop['said'])}"
         console.print(f"seed {seed}: {state}{', killed ' + loop['killed'] if loop['killed'] else ''}", markup=False)
+    loops = kept.all() if kept else loops
     found = summary(loops)
     show(found)
     if options.json:

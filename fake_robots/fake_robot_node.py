@@ -16,8 +16,9 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, Header
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
@@ -26,11 +27,13 @@ from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.bag_replay import BagSource, message_class
 from poise.fake_robots.commands import waypoints_of
 from poise.fake_robots.faults import apply_faults, parse_faults
+from poise.fake_robots.followers import Followers
 from poise.fake_robots.gripper_action import GripperAction
 from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source, make_world
 from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.fake_robots.trajectory_action import TrajectoryAction
+from poise.nodes.clock import CLOCK_HEARD
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, publish, run
 
@@ -78,6 +81,7 @@ class FakeRobot(Node):
             loop=values["loop"],
             playing=values["playing"],
             stay=values["stay"],
+            held=self._follow_followers() if values["publish_clock"] and values["clock_lead"] else None,
             ready=functools.partial(self._are_heard, awaited),
             ready_timeout=values["wait_timeout"],
             finished=self._say_done,
@@ -88,6 +92,13 @@ class FakeRobot(Node):
         self.add_on_set_parameters_callback(self._set_payload)
         self.create_timer(0.05, self._leave_when_done)
         self._player.start()
+
+    def _follow_followers(self) -> Callable[[int], bool]:
+        """Whether nodes that follow /clock are behind a time."""
+        followers = Followers(self._values["clock_lead"], self.get_logger().warning)
+        take = guarded(self, lambda said: followers.heard(said.frame_id, Time.from_msg(said.stamp).nanoseconds))
+        self.create_subscription(Header, CLOCK_HEARD, take, 100)
+        return followers.are_behind
 
     def _obey(self, arm: SimulatedArm) -> None:
         """Take commands for arm, gripper and base; render images while they are subscribed to."""

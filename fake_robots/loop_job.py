@@ -1,7 +1,7 @@
 """What `poise loop` does: a world, the nodes as processes, one loop, and its files."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from poise.assembly import Assembly, load_scene, write_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.tables import random_table
+from poise.nodes.clock import with_time
 from poise.nodes.loop import LOOP_PARAMETERS, Watching, perform, stop_on_signals
 from poise.nodes.loop_processes import NodeProcesses
 from poise.nodes.loop_sequence import StepRecord
@@ -36,7 +37,13 @@ _MEETING = 1.5
 
 
 class LoopJob(NamedTuple):
-    """What is asked for: the options of the command."""
+    """What is asked for: the options of the command.
+
+    Args:
+        robot, objects, seed, world, distance, shapes, out: as there.
+        real_time: the time of the machine, not simulated time.
+        rate: s of simulated time in a second, where the machine keeps up.
+    """
 
     robot: str
     objects: int
@@ -45,6 +52,8 @@ class LoopJob(NamedTuple):
     distance: float
     shapes: str
     out: Path | None
+    real_time: bool = False
+    rate: float = 1.0
 
 
 class _Watched(Watching):
@@ -90,9 +99,11 @@ def run_job(
         config = parameter_file(job.robot)
         world, extra = prepare_world(job.world, job.objects, job.seed, folder)
         names = [name for name in NODES if name != "object_scanner" or job.shapes == "scan"]
+        if not job.real_time:
+            extra = with_simulated_time(extra, job.rate)
         processes = NodeProcesses(names, [config], folder, keep=["fake_robot"], extra=extra)
         values = _values(job, config, world)
-        content, stack = _run(processes, values, step, progress, began)
+        content, stack = _run(not job.real_time, processes, values, step, progress, began)
         content["world"] = str(world)
         return content, stack
 
@@ -115,6 +126,19 @@ def prepare_world(
     return world, {
         "fake_robot": {"world": str(world), "seed": seed},
         "world_model": {"scene": str(fixed.resolve()), "state_file": str(state.resolve())},
+    }
+
+
+def with_simulated_time(extra: Mapping[str, Mapping[str, Any]], rate: float) -> dict[str, dict[str, Any]]:
+    """Parameters of single nodes, by which the fake robot gives the time and the others follow it.
+
+    Args:
+        extra: parameters of single nodes.
+        rate: s of simulated time in a second.
+    """
+    gives: dict[str, Any] = {"publish_clock": True, "rate": rate}
+    return {
+        name: {**extra.get(name, {}), **(gives if name == "fake_robot" else {"use_sim_time": True})} for name in NODES
     }
 
 
@@ -157,6 +181,7 @@ def _values(job: LoopJob, config: Path, world: Path) -> dict[str, Any]:
 
 
 def _run(
+    simulated: bool,
     processes: NodeProcesses,
     values: dict[str, Any],
     step: Callable[[StepRecord | None, str], None],
@@ -165,7 +190,7 @@ def _run(
 ) -> tuple[dict[str, Any], Assembly | None]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stopped = stop_on_signals()
-    node = Node("loop")
+    node = Node("loop", parameter_overrides=with_time(simulated))
     try:
         _refuse_second(node)
         processes.start()

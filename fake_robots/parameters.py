@@ -29,6 +29,13 @@ PARAMETERS = (
     Parameter("stay", False, "do not exit at the end: replay waits for `play`, an arm stays where it is"),
     Parameter("publish_clock", False, "publish /clock in the time of the messages"),
     Parameter("clock_rate", 100.0, "Hz of /clock", (1.0, 1e4)),
+    Parameter(
+        "clock_lead",
+        0.0,
+        "with publish_clock: s that /clock may be ahead of each node that follows it (topic clock_heard), and the clock"
+        " slows down when this machine is late; 0: it waits for nobody",
+        (0.0, 10.0),
+    ),
     Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),
     Parameter("wait_timeout", 30.0, "largest time to wait for them, s; 0: no limit", (0.0, 1e6)),
     Parameter("faults", WORDS, "faults to inject, one entry each, as `drop: {topic: wrench, share: 0.1}`"),

@@ -9,6 +9,8 @@ from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.fake_robots.stream import Message
 
 _LONGEST_WAIT = 0.5  # s
+_HELD_STEP = 0.002  # s between two looks at whether a message may go
+_MADE_UP = 0.2  # s of lateness that simulated time makes up for
 _LEAST_PASS = 0.01  # s, so that a loop over one message does not take a whole core
 
 
@@ -25,6 +27,8 @@ class Player:
         ready_timeout: s after which that counts as a failure; 0: never.
         finished: called in the player's thread each time the stream has ended.
         stay: wait for another `play` after the end.
+        held: whether a message of a time, ns, has to wait although it is due; the schedule then moves, as it does
+            when messages are late by more than 0.2 s. None: what is late is made up for.
     """
 
     def __init__(
@@ -36,12 +40,13 @@ class Player:
         loop: bool = False,
         playing: bool = True,
         stay: bool = False,
+        held: Callable[[int], bool] | None = None,
         ready: Callable[[], bool] = lambda: True,
         ready_timeout: float = 0.0,
         finished: Callable[[], None] = lambda: None,
     ) -> None:
         self._messages, self._publish = messages, publish
-        self._rate, self._loop, self._stay = rate, loop, stay
+        self._rate, self._loop, self._stay, self._held = rate, loop, stay, held
         self._ready, self._ready_timeout, self._finished = ready, ready_timeout, finished
         self._condition = threading.Condition()
         self._playing, self._stopped = playing, False
@@ -123,12 +128,12 @@ class Player:
         for message in self._messages():
             if begun is None:
                 begun, first = time.monotonic(), message.time
-            if not self._wait_until(begun + (message.time - first) * 1e-9 / self._rate):
+            if not self._wait_until(begun + (message.time - first) * 1e-9 / self._rate, message.time):
                 return False
             self._publish(message)
-        return begun is not None and self._wait_until(begun + _LEAST_PASS)
+        return begun is not None and self._wait_until(begun + _LEAST_PASS, first)
 
-    def _wait_until(self, due: float) -> bool:
+    def _wait_until(self, due: float, stamp: int) -> bool:
         with self._condition:
             while not self._stopped:
                 now = time.monotonic()
@@ -137,7 +142,12 @@ class Player:
                     self._shift += time.monotonic() - now
                     continue
                 left = due + self._shift - now
-                if left <= 0:
+                if left > 0:
+                    self._condition.wait(min(left, _LONGEST_WAIT))
+                elif self._held is not None and self._held(stamp):
+                    self._condition.wait(_HELD_STEP)
+                else:
+                    if self._held is not None:
+                        self._shift += max(-left - _MADE_UP, 0.0)
                     return True
-                self._condition.wait(min(left, _LONGEST_WAIT))
         return False

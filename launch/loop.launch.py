@@ -10,7 +10,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from poise.fake_robots.loop_job import NODES, parameter_file, prepare_world
+from poise.fake_robots.loop_job import NODES, parameter_file, prepare_world, with_simulated_time
 
 _ARGUMENTS = {
     "robot": ("fr3", "the robot: config/loop_ROBOT.yaml, or the path of such a file"),
@@ -19,6 +19,8 @@ _ARGUMENTS = {
     "world": ("", "scene file of the true world; empty: random objects"),
     "distance": ("3.0", "m to carry the stack"),
     "shapes": ("scan", "scan: by the camera; given: as in the scene"),
+    "real_time": ("false", "true: the time of the machine; false: simulated time, which waits for the nodes"),
+    "rate": ("1.0", "s of simulated time in a second, where the machine keeps up"),
     "out": ("", "folder for loop.json and the bag; empty: neither"),
 }
 
@@ -42,7 +44,10 @@ def _nodes(context: object) -> list[Node]:
     world, extra = prepare_world(
         Path(given["world"]) if given["world"] else None, int(given["objects"]), int(given["seed"]), folder
     )
-    own = {"world": str(world), "objects": int(given["objects"]), "seed": int(given["seed"])}
+    simulated = given["real_time"] != "true"
+    if simulated:
+        extra = with_simulated_time(extra, float(given["rate"]))
+    own = {"use_sim_time": simulated, "world": str(world), "objects": int(given["objects"]), "seed": int(given["seed"])}
     own |= {"distance": float(given["distance"]), "shapes": given["shapes"], "out": given["out"]}
     started = [
         Node(

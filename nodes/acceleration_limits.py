@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from poise.assembly.robustness import AccelerationLimits, TurningBase
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.nodes.acceleration_worker import AccelerationWorker, limits_of, load_type_supports
+from poise.nodes.clock import node_seconds
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import GraspedPayload
@@ -145,7 +146,7 @@ class AccelerationLimitsNode(Node):
         turn = message.pose.pose.orientation
         passed = 0.0 if self._odom_stamp is None else (stamp - self._odom_stamp) * 1e-9
         self._base = self._base.after(passed, [turn.x, turn.y, turn.z, turn.w], message.twist.twist.angular.z)
-        self._odom_stamp, self._odom_heard = stamp, time.monotonic()
+        self._odom_stamp, self._odom_heard = stamp, node_seconds()
 
     def _update(self) -> None:
         """Publish again when something has changed enough to matter."""
@@ -160,7 +161,7 @@ class AccelerationLimitsNode(Node):
             return
         if not self._values["from_odom"]:
             self._base = self._given_base
-        elif now - self._odom_heard > self._values["odom_age"]:
+        elif node_seconds() - self._odom_heard > self._values["odom_age"]:
             if not self._odom_silent:
                 self._odom_silent, self._published = True, None
                 self._publisher.publish(self._message(_no_odom(self._odom_stamp is not None)))

@@ -1,6 +1,5 @@
 """The action `identify_payload`: goals in, an identification session run by a timer, a motion for the arm out."""
 
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +22,7 @@ from poise.inertia.estimators import check_method
 from poise.inertia.model import NoiseLevels, Parts
 from poise.inertia.pipeline import LiveEstimator
 from poise.nodes.arm_node import ArmNode
+from poise.nodes.clock import node_seconds
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_causes import CauseSearch, CheckedAnswer
@@ -132,7 +132,7 @@ class IdentifyPayload:
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""
         if self._session is not None:
-            self._session.cancel(time.monotonic(), reason)
+            self._session.cancel(node_seconds(), reason)
         elif self._goal is not None:
             self._end(PoiseError(ErrorCode.CANCELLED, reason))
 
@@ -174,7 +174,7 @@ class IdentifyPayload:
             watchdog.watch(self._goal, model.joint_names, watch_limits(self._node, needs_wrench=True))
         accuracy = accuracy_of(request.object[0]) if request.object else None
         scale = LivePayloadEstimator(self._live, request.method, parts, accuracy)
-        return Session(model, task, scale, self._send, time.monotonic(), watchdog)
+        return Session(model, task, scale, self._send, node_seconds(), watchdog)
 
     def _model(self) -> RobotModel:
         if self._live.problem is not None:
@@ -237,7 +237,7 @@ class IdentifyPayload:
 
     def _on_joint_state(self, message: JointState) -> None:
         if self._session is not None:
-            self._session.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())
+            self._session.add_joint_state(stamp_of(message), message.name, message.position, node_seconds())
 
     def _tick(self) -> None:
         goal, session = self._goal, self._session
@@ -246,7 +246,7 @@ class IdentifyPayload:
         if session is None:
             self._wait(goal)
             return
-        now = time.monotonic()
+        now = node_seconds()
         if goal.is_cancel_requested:
             session.cancel(now)
         session.tick(now)

@@ -18,6 +18,7 @@ from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
 from poise.nodes.arm_node import ArmNode
+from poise.nodes.clock import node_seconds
 from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
@@ -94,28 +95,28 @@ class InertialEstimator(ArmNode):
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
         wrench = (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-        self.live.add_wrench(stamp_of(message), message.header.frame_id, wrench, time.monotonic())
+        self.live.add_wrench(stamp_of(message), message.header.frame_id, wrench, node_seconds())
 
     def _on_joint_state(self, message: JointState) -> None:
-        stamp, now = stamp_of(message), time.monotonic()
+        stamp, now = stamp_of(message), node_seconds()
         self.live.add_joint_state(stamp, message.name, message.position, message.velocity, now)
 
     def _on_odometry(self, message: Odometry) -> None:
         turn, at = message.pose.pose.orientation, message.pose.pose.position
         rotation = rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w])
-        self.live.add_odometry(stamp_of(message), rotation, (at.x, at.y, at.z), time.monotonic())
+        self.live.add_odometry(stamp_of(message), rotation, (at.x, at.y, at.z), node_seconds())
 
     def _on_imu(self, message: Imu) -> None:
         felt = message.linear_acceleration
         self.live.add_imu(stamp_of(message), message.header.frame_id, (felt.x, felt.y, felt.z))
 
     def _on_description(self, message: String) -> None:
-        self.live.set_robot_description(message.data, time.monotonic())
+        self.live.set_robot_description(message.data, node_seconds())
         if self.live.problem is not None:
             raise self.live.problem
 
     def _on_tf(self, message: TFMessage, fixed: bool = False) -> None:
-        now = time.monotonic()
+        now = node_seconds()
         for transform in message.transforms:
             turn, shift = transform.transform.rotation, transform.transform.translation
             self.live.add_transform(
@@ -155,7 +156,7 @@ class InertialEstimator(ArmNode):
     def _update(self) -> None:
         for topic in self._inbox.take(super().subscriptions):
             self.get_logger().warning(f"{topic}: {DEPTH} messages waited, and older ones are lost")
-        self.live.update(time.monotonic())
+        self.live.update(node_seconds())
         for change in self.live.changes[self._told :]:
             self._changes.publish(change_message(change, self.live.sensor_frame))
             self._published = -1  # the estimate is another one now
@@ -176,7 +177,7 @@ class InertialEstimator(ArmNode):
         self._rest = now + (now - begun) * (1 / _SOLVING - 1)
 
     def _diagnose(self) -> None:
-        status = status_of(self.live, time.monotonic())
+        status = status_of(self.live, node_seconds())
         status = replace(status, values=status.values | {"queue_overflows": str(self._inbox.overflows)})
         if "wrench" not in self.live.heard:
             hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")

@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.answers import Answers
+from poise.nodes.clock import STEADY
 from poise.nodes.runtime import coded, run
 from poise.nodes.workers import NOTHING_IN_TIME
 
@@ -130,7 +131,7 @@ class Jobs:
         self._alone = self._closed = False
         self._open: set[Job] = set()
         self._answers = Answers(node, _THREAD)
-        node.create_timer(_STEP, self._answer_overdue)
+        node.create_timer(_STEP, self._answer_overdue, clock=STEADY)
         self._threads = [
             threading.Thread(target=self._run, args=(number,), name=_THREAD, daemon=True) for number in range(threads)
         ]

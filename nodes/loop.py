@@ -4,6 +4,7 @@ import json
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from poise.assembly import Assembly
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.files import write_whole
+from poise.nodes.clock import follow_clock
 from poise.nodes.loop_bag import LoopBag
 from poise.nodes.loop_results import loop_content
 from poise.nodes.loop_robot import NodesRobot
@@ -70,6 +72,8 @@ def perform(
     Returns:
         The content of loop.json, and what stands at the end.
     """
+    follow_clock(node)
+    begun = time.monotonic()
     out = Path(values["out"]) if values["out"] else None
     with ExitStack() as stack:
         bag = None
@@ -92,7 +96,8 @@ def perform(
             record.error = error
         else:
             record = sequence.run()
-        return loop_content(record, robot.planning, watching.restarts), robot.assembly
+        seconds = time.monotonic() - begun
+        return loop_content(record, robot.planning, watching.restarts, seconds), robot.assembly
 
 
 class _Logged(Watching):

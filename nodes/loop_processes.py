@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from poise.errors import ErrorCode, InputError
 from poise.nodes.loop_sequence import LoopOverError
@@ -37,7 +38,7 @@ class NodeProcesses:
         folder: Path,
         domain: int | None = None,
         keep: Sequence[str] = (),
-        extra: Mapping[str, Mapping[str, str | int]] | None = None,
+        extra: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self._files, self._folder, self._keep, self._extra = parameter_files, folder, tuple(keep), extra or {}
         self._environment = dict(os.environ)

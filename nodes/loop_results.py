@@ -10,13 +10,16 @@ from poise.nodes.loop_sequence import LoopRecord, ObjectRecord, WeighedObject
 _SIGMAS = 3.0
 
 
-def loop_content(record: LoopRecord, planning: float, restarts: dict[str, int]) -> dict[str, Any]:
+def loop_content(
+    record: LoopRecord, planning: float, restarts: dict[str, int], machine_seconds: float
+) -> dict[str, Any]:
     """The content of loop.json.
 
     Args:
         record: of the loop.
         planning: s in which nodes planned and computed.
         restarts: how often each node was started again.
+        machine_seconds: s of the machine that it took; the seconds of steps are of simulated time, where that is used.
     """
     carried = record.carried
     return {
@@ -27,6 +30,7 @@ def loop_content(record: LoopRecord, planning: float, restarts: dict[str, int]) 
         "objects": [_object(each) for each in record.objects],
         "carried": None if carried is None else carried._asdict(),
         "seconds": sum(step.seconds for step in record.steps),
+        "machine_seconds": machine_seconds,
         "planning": planning,
         "restarts": {name: count for name, count in restarts.items() if count},
         "steps": [

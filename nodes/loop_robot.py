@@ -1,6 +1,5 @@
 """The nodes as the loop uses them: clients of their actions and services, and what they publish."""
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -18,6 +17,7 @@ from poise.assembly import Assembly as AssembledScene
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_of, pose_message
+from poise.nodes.clock import node_seconds
 from poise.nodes.loop_scan import LoopScan
 from poise.nodes.loop_sequence import Carried, NodeEndedError, WeighedObject
 from poise.nodes.loop_truth import LoopTruth
@@ -118,9 +118,9 @@ class NodesRobot:
     def _on_joints(self, message: JointState) -> None:
         """Keep since when the joints have not moved."""
         position = np.array(message.position)
-        before, self._heard = self._joints[1], time.monotonic()
+        before, self._heard = self._joints[1], node_seconds()
         if len(position) != len(before) or np.abs(position - before).max(initial=0.0) > _STILL:
-            self._joints = time.monotonic(), position
+            self._joints = node_seconds(), position
 
     # -- waiting ----------------------------------------------------------------------------------------------------
 
@@ -138,11 +138,11 @@ class NodesRobot:
             NodeEndedError: that node has ended.
             NoAnswerError: DEADLINE; CANCELLED when the loop is to end; as `check`.
         """
-        until = time.monotonic() + seconds
+        until = node_seconds() + seconds
         while not (value := condition()):
             if heed and self._stopped():
                 raise NoAnswerError(ErrorCode.CANCELLED, f"the loop was stopped while it waited for {what}")
-            now = time.monotonic()
+            now = node_seconds()
             if now > until:
                 raise NoAnswerError(ErrorCode.DEADLINE, f"there was no {what} within {seconds:.0f} s")
             if now > self._looked + _LOOK:
@@ -158,10 +158,10 @@ class NodesRobot:
         Raises:
             NoAnswerError: DEADLINE, naming the first that does not come.
         """
-        until = time.monotonic() + seconds
+        until = node_seconds() + seconds
 
         def left() -> float:
-            return max(until - time.monotonic(), 1.0)
+            return max(until - node_seconds(), 1.0)
 
         for name, client in self._clients.items():
             self.wait(client.server_is_ready, left(), f"action {name} of {ACTIONS[name][0]}")
@@ -172,7 +172,7 @@ class NodesRobot:
     def recover(self) -> None:
         """Wait until the robot rests and all nodes are there."""
         self.ready(self._values["ready_timeout"])
-        begun = time.monotonic()
+        begun = node_seconds()
         self.wait(lambda: self._heard > max(self._joints[0], begun) + 1.0, _STOPPING, "rest of the arm")
 
     def _do(self, name: str, seconds: float = _GOAL, **fields: Any) -> Any:
@@ -288,8 +288,8 @@ class NodesRobot:
         found = self._do("carry_object", path=[self._goal], speed=self._values["speed"])
         moved = None
         if self._truth is not None and self._before:
-            ended = time.monotonic()
-            self.wait(lambda: time.monotonic() > ended + 1.0, _NEWS, "poses after the way")
+            ended = node_seconds()
+            self.wait(lambda: node_seconds() > ended + 1.0, _NEWS, "poses after the way")
             after = self._truth.places(frame, left_behind)
             moved = max(float(np.linalg.norm(after[name] - place)) for name, place in self._before.items())
         return Carried(found.distance, found.seconds, found.used, found.limit, moved)

@@ -1,11 +1,11 @@
 """The order of the loop: scan, pick, weigh, place, until the table is empty; then carry. The robot is a port."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
+from poise.nodes.clock import node_seconds
 from poise.types import Array
 
 _TRIES = 3
@@ -308,12 +308,12 @@ class LoopSequence:
         """
         attempt = 0
         while True:
-            begun = time.monotonic()
+            begun = node_seconds()
             self._report(None, f"{step} {name}".strip())
             try:
                 answer = act(attempt)
             except PoiseError as error:
-                self._keep(StepRecord(step, name, time.monotonic() - begun, error.code, error.message))
+                self._keep(StepRecord(step, name, node_seconds() - begun, error.code, error.message))
                 attempt += 1
                 if _ends(error) or not (again or error.code in _PASSING):
                     raise
@@ -325,7 +325,7 @@ class LoopSequence:
                 if attempt == _TRIES:
                     raise
                 continue
-            self._keep(StepRecord(step, name, time.monotonic() - begun))
+            self._keep(StepRecord(step, name, node_seconds() - begun))
             return answer
 
     def _recover(self) -> None:

@@ -1,7 +1,6 @@
 """Node: the action `carry_object`: moves the base, and what stands on it, under the published acceleration limits."""
 
 import math
-import time
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
@@ -12,6 +11,7 @@ from poise.geometry import Pose
 from poise.manipulation import BaseExecution, BaseLimits, BaseTolerances, plan_base_motion
 from poise.nodes.arm_node import MovingNode
 from poise.nodes.assembly_message import pose_message
+from poise.nodes.clock import node_seconds
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, run, subscribe, to_message
@@ -79,13 +79,13 @@ class ObjectCarrier(MovingNode):
             self._running.stop(coded(failure))
 
     def _on_assembly(self, message: Assembly) -> None:
-        self._assembly_stamp, self._assembly_heard = stamp_of(message), time.monotonic()
+        self._assembly_stamp, self._assembly_heard = stamp_of(message), node_seconds()
 
     def _on_odom(self, message: Odometry) -> None:
         pose = pose_of(message.pose.pose, "odom: ")
         yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
         place = np.array([*pose.translation[:2], yaw])
-        self._odom, self._heard = (place, message.header.frame_id, message.child_frame_id), time.monotonic()
+        self._odom, self._heard = (place, message.header.frame_id, message.child_frame_id), node_seconds()
         if self._running is not None:
             self._running.add_odometry(place, self._heard, 1e-9 * stamp_of(message))
 
@@ -107,7 +107,7 @@ class ObjectCarrier(MovingNode):
 
     def _begin(self, goal: WatchedGoal, _accepted: float) -> None:
         self._running = self._motion(goal)
-        self._goal, self._begun = goal, time.monotonic()
+        self._goal, self._begun = goal, node_seconds()
 
     def _motion(self, goal: WatchedGoal) -> BaseExecution:
         """The motion that a goal asks for.
@@ -115,7 +115,7 @@ class ObjectCarrier(MovingNode):
         Raises:
             InputError, NoAnswerError: as `_in_base` and `plan_base_motion`; BAD_INPUT; TOPIC_MISSING.
         """
-        request, values, now = goal.request, self._values, time.monotonic()
+        request, values, now = goal.request, self._values, node_seconds()
         speed, share = request.speed or values["speed"], request.share or values["share"]
         if not (0 < speed <= values["speed"] and 0 < share <= values["share"]):
             what = f"goal: speed {request.speed:g} and share {request.share:g}; they may be up to"
@@ -156,7 +156,7 @@ class ObjectCarrier(MovingNode):
             what = message.error.message or "a message without limits"
             raise NoAnswerError(ErrorCode.DEADLINE, f"acceleration_limits: {what}")
         if stamp_of(message) < self._assembly_stamp:
-            waited = time.monotonic() - self._assembly_heard
+            waited = node_seconds() - self._assembly_heard
             code = ErrorCode.SENSOR_STALE if waited > _UNFOLLOWED else ErrorCode.EMPTY
             raise InputError(code, "acceleration_limits are of an earlier assembly: they have not followed its change")
         base = "" if self._odom is None else self._odom[2]
@@ -166,7 +166,7 @@ class ObjectCarrier(MovingNode):
         return BaseLimits(normals[:, :2], np.array(message.offsets), *turning)
 
     def _tick(self) -> None:
-        now = time.monotonic()
+        now = node_seconds()
         self._waiting.tick()
         goal, running = self._goal, self._running
         if goal is None or running is None:

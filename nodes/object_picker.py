@@ -27,6 +27,7 @@ from poise.manipulation import (
 )
 from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import assembly_of, object_of
+from poise.nodes.clock import node_seconds
 from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -97,7 +98,7 @@ class ObjectPicker(ArmNode):
     def _on_wrench(self, message: WrenchStamped) -> None:
         force = message.wrench.force
         self._sensor_frame = message.header.frame_id
-        self._forces.add((force.x, force.y, force.z), time.monotonic())
+        self._forces.add((force.x, force.y, force.z), node_seconds())
 
     # -- a goal -----------------------------------------------------------------------------------------------------
 
@@ -118,7 +119,7 @@ class ObjectPicker(ArmNode):
         self._task = self._task_of(goal, accepted)
 
     def _task_of(self, goal: WatchedGoal, accepted: float) -> PickTask:
-        """What the goal asks for, accepted at s of the monotonic clock.
+        """What the goal asks for, accepted at s of `node_seconds`.
 
         Raises:
             InputError: when it makes no sense; EMPTY, TOPIC_MISSING and others while something is missing.
@@ -128,7 +129,7 @@ class ObjectPicker(ArmNode):
         if self._assembly is None:
             raise InputError(ErrorCode.EMPTY, "no assembly has come on the topic assembly; start world_model")
         known = bool(request.object) or request.id in (each.id for each in self._assembly.objects)
-        if not known and time.monotonic() < accepted + min(_NEWS, self._values["ready_timeout"]):
+        if not known and node_seconds() < accepted + min(_NEWS, self._values["ready_timeout"]):
             raise InputError(ErrorCode.EMPTY, f"the assembly has no object {request.id!r} yet")
         frame = self._assembly.header.frame_id
         joined = self._execution.pose(request.object_frame_id or frame, frame)
@@ -143,14 +144,14 @@ class ObjectPicker(ArmNode):
                 raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description: publish it")
             carrying = self._execution.to_plan(frame)
         else:
-            if self._values["verify"] and time.monotonic() - self._forces.heard > 1.0:
+            if self._values["verify"] and node_seconds() - self._forces.heard > 1.0:
                 what = "no wrench comes: what is held cannot be verified; start the sensor, or set verify to false"
                 raise InputError(ErrorCode.TOPIC_MISSING, what)
             carrying = self._execution.open(goal, self.watchdog, frame)
         return PickTask(goal, self._assembly, time.monotonic() + seconds, carrying, joined)
 
     def _tick(self) -> None:
-        now = time.monotonic()
+        now = node_seconds()
         self._waiting.tick()
         task = self._task
         if task is None:
@@ -179,7 +180,7 @@ class ObjectPicker(ArmNode):
             self._end(task, cancelled(task.goal))
         elif task.planned:
             task.running = self._run(task, now)
-        elif now > task.due + ANSWER_GRACE:
+        elif time.monotonic() > task.due + ANSWER_GRACE:
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, "the deadline passed while planning; allow more time"))
         elif not task.begun and task.carrying.found_start(now):
             task.begun = self._jobs.do(partial(self._plan, task))

@@ -2,7 +2,6 @@
 
 import itertools
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -20,6 +19,7 @@ from poise.calibration import corrected_description
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import Arm
 from poise.nodes.arm_node import ArmNode
+from poise.nodes.clock import node_seconds
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.object_scanner_parameters import (
     SCANNER_PARAMETERS,
@@ -142,9 +142,9 @@ class ObjectScanner(ArmNode):
         takes: list[tuple[Any, str, Callable[[ScanSession, Any], None]]] = [
             (CameraInfo, INFO, lambda session, said: session.set_camera(camera_of(said))),
             (CameraInfo, _COLOUR_INFO, lambda session, said: session.set_colour_camera(camera_of(said))),
-            (depth_kind, depth, lambda session, said: session.add_depth(image_of(said, depth), time.monotonic())),
+            (depth_kind, depth, lambda session, said: session.add_depth(image_of(said, depth), node_seconds())),
             (colour_kind, colour, lambda session, said: session.add_colour(image_of(said, colour))),
-            (PointCloud2, _CLOUD, lambda session, said: session.add_cloud(frame_of_cloud(said), time.monotonic())),
+            (PointCloud2, _CLOUD, lambda session, said: session.add_cloud(frame_of_cloud(said), node_seconds())),
         ]
         self._listening = [
             self.create_subscription(kind, name, guarded(self, partial(self._take, use)), qos)
@@ -186,7 +186,7 @@ class ObjectScanner(ArmNode):
 
     def _begin_to_look(self, goal: WatchedGoal) -> None:
         options = session_options(self._values, goal.request, 0.0 if self._sweep is None else self._sweep.seconds)
-        self._session = ScanSession(options, time.monotonic())
+        self._session = ScanSession(options, node_seconds())
         self._listen()
 
     def _await_robot(self, goal: WatchedGoal) -> None:
@@ -252,7 +252,7 @@ class ObjectScanner(ArmNode):
             raise answer[0]
         if session is None and sweep is None and not self._computing:
             self._await_robot(goal)
-        now = time.monotonic()
+        now = node_seconds()
         if sweep is not None:
             if sweep.start is None and sweep.found_start(now) and not self._jobs.do(sweep.prepare):
                 raise NoAnswerError(ErrorCode.BUSY, _STILL_ENDING)
@@ -277,11 +277,11 @@ class ObjectScanner(ArmNode):
             self._session, self._error = None, error
             self._cancelled.set()
             if self._sweep is not None:
-                self._sweep.stopping(time.monotonic())
+                self._sweep.stopping(node_seconds())
 
     def _stopped(self, error: PoiseError) -> tuple[PoiseError | None, SegmentedObject | None] | None:
         """The answer once the arm has its stop; None before."""
-        remark = "" if self._sweep is None else self._sweep.stop(error, time.monotonic())
+        remark = "" if self._sweep is None else self._sweep.stop(error, node_seconds())
         return None if remark is None else (type(error)(error.code, error.message + remark), None)
 
     def _report(self, goal: WatchedGoal) -> None:
@@ -294,7 +294,7 @@ class ObjectScanner(ArmNode):
 
     def _settled(self, session: ScanSession) -> bool:
         """Joint states after the last frame are there, or do not come."""
-        now = time.monotonic()
+        now = node_seconds()
         self._ended = self._ended or now
         return self._robot.newest >= session.newest or now - self._ended > _SETTLE
 

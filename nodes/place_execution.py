@@ -35,6 +35,7 @@ from poise.manipulation import (
     steps_of,
     with_stops,
 )
+from poise.nodes.clock import node_seconds
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.placed_arm import base_of, placed_arm
 from poise.nodes.runtime import LATCHED, coded, guarded
@@ -113,7 +114,7 @@ class Carrying:
 
     def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any], assumptions: list[str]) -> None:
         self.arm, self.robot, self._values, self.assumptions = arm, robot, values, assumptions
-        self._begun = time.monotonic()
+        self._begun = node_seconds()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
         self._steps: tuple[TransferStep, ...] = ()
@@ -129,7 +130,7 @@ class Carrying:
 
     def plan_again(self) -> None:
         """Begin again to wait until the arm rests."""
-        self.start, self._begun = None, time.monotonic()
+        self.start, self._begun = None, node_seconds()
 
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `RobotPort.rests_at`."""
@@ -202,7 +203,7 @@ class Carrying:
     def stop(self) -> None:
         """Stop the arm, also in the middle of a motion."""
         if self.playing is not None:
-            self.playing.cancel(time.monotonic())
+            self.playing.cancel(node_seconds())
 
 
 class PlaceExecution:
@@ -310,4 +311,4 @@ class PlaceExecution:
 
 
 def _hear(robot: RobotPort, message: JointState) -> None:
-    robot.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())
+    robot.add_joint_state(stamp_of(message), message.name, message.position, node_seconds())

@@ -15,6 +15,7 @@ from poise.geometry import Pose
 from poise.manipulation import TransferExecution
 from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, scene_of_node
+from poise.nodes.clock import node_seconds
 from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -157,7 +158,7 @@ class PlacementPlannerNode(ArmNode):
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
     def _task_of(self, goal: WatchedGoal, accepted: float) -> PlacementTask:
-        """What the goal asks for, accepted at s of the monotonic clock.
+        """What the goal asks for, accepted at s of `node_seconds`.
 
         Raises:
             InputError: when it makes no sense, or there is no assembly.
@@ -181,7 +182,8 @@ class PlacementPlannerNode(ArmNode):
             carrying = self._execution.open(goal, self.watchdog, frame)
         elif with_arm:
             carrying = self._execution.to_plan(frame)
-        task = PlacementTask(goal, message, accepted + seconds, carrying)
+        due = time.monotonic() + seconds - (node_seconds() - accepted)  # the time limit of a computation
+        task = PlacementTask(goal, message, due, carrying)
         task.object_frame, task.pose_tool_object = joined, in_hand
         return task
 
@@ -202,7 +204,7 @@ class PlacementPlannerNode(ArmNode):
 
     def _tick(self) -> None:
         """Answer the goal when it ends; otherwise continue it and publish feedback."""
-        now = time.monotonic()
+        now = node_seconds()
         self._waiting.tick()
         task = self._task
         if task is None:
@@ -242,7 +244,7 @@ class PlacementPlannerNode(ArmNode):
             self._end(task, cancelled_placement(task.goal))
         elif task.done and task.carrying is not None:
             task.carrying.play(task.goal.request.object.id, now)
-        elif now > task.due + ANSWER_GRACE:
+        elif time.monotonic() > task.due + ANSWER_GRACE:
             best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
         elif not task.ready and task.carrying is not None and self._found_start(task, task.carrying, now):

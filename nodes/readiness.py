@@ -1,11 +1,11 @@
 """Goals that wait until the robot is known, instead of failing."""
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
 from poise.errors import ErrorCode, InputError, PoiseError
+from poise.nodes.clock import node_seconds
 from poise.nodes.parameters import Parameter
 from poise.nodes.runtime import coded
 from poise.nodes.watchdog import WatchedGoal
@@ -36,20 +36,20 @@ class Readiness:
     """
 
     def __init__(self, patience: float) -> None:
-        self.begun = time.monotonic()
-        """On the monotonic clock, s."""
+        self.begun = node_seconds()
+        """On `node_seconds`."""
         self._until = self.begun + patience
 
     def may_change(self, error: PoiseError) -> bool:
         """Whether to try again later: the reason may go away, and there is time left."""
-        return error.code in _PASSING and time.monotonic() < self._until
+        return error.code in _PASSING and node_seconds() < self._until
 
 
 class WaitingGoal:
     """The accepted goal of an action that has not begun yet, if there is one.
 
     Args:
-        begin: begins with a goal that was accepted at s of the monotonic clock; raises what is wrong or missing.
+        begin: begins with a goal that was accepted at s of `node_seconds`; raises what is wrong or missing.
         conclude: makes the result of a goal that ends before it begins, and sets its status.
         cancelled: the error of a goal that is cancelled before it begins.
         feedback: what its caller receives while it waits.
@@ -85,8 +85,8 @@ class WaitingGoal:
             error = coded(failure)
             if not self._readiness.may_change(error):
                 self.refuse(error)
-            elif time.monotonic() > self._last_feedback + FEEDBACK_PERIOD:
-                self._last_feedback = time.monotonic()
+            elif node_seconds() > self._last_feedback + FEEDBACK_PERIOD:
+                self._last_feedback = node_seconds()
                 goal.publish_feedback(self._feedback)
             return
         self.goal = None

@@ -16,6 +16,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 from poise.errors import ErrorCode, PoiseError
+from poise.nodes.clock import follow_clock
 from poise.nodes.responses import send_responses_again
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 
@@ -51,6 +52,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     status = 0
     try:
         node = make_node()
+        follow_clock(node)
         executor.add_node(node)
         node.get_logger().info("ready")
         while rclpy.ok():

@@ -1,6 +1,5 @@
 """The motion that a scan looks from: read, given its stops, commanded and supervised."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +18,7 @@ from poise.excitation.execution import (
     TimedMotion,
     joint_judge,
 )
+from poise.nodes.clock import node_seconds
 from poise.nodes.runtime import coded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, execution_options, watch_limits
@@ -90,7 +90,7 @@ class SweepExecution:
         self._options = execution_options(node)
         self._joints = JointWatch(model, self._options.stale)
         self._arm = CommandedArm(self._joints, self._send, watchdog, self._options)
-        self._since = time.monotonic()
+        self._since = node_seconds()
         self._held_up = HeldUp(self._since, self._options)
         self.start: Array | None = None
         self._prepared: ReadyStops | PoiseError | None = None
@@ -99,7 +99,7 @@ class SweepExecution:
 
     def add_joint_state(self, message: JointState) -> None:
         """Take a joint state."""
-        self._joints.add(stamp_of(message), message.name, message.position, time.monotonic())
+        self._joints.add(stamp_of(message), message.name, message.position, node_seconds())
 
     @property
     def seconds(self) -> float:
@@ -129,7 +129,7 @@ class SweepExecution:
             judge = joint_judge(self._model.joint_names, self._model.velocity_limit)
             stops = ReadyStops.judged(self._motion(self.start), judge)
             self._arm.load(stops)
-            self._since = time.monotonic()
+            self._since = node_seconds()
             self._prepared = stops
         except Exception as failure:
             self._prepared = coded(failure)

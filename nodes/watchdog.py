@@ -19,6 +19,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from poise.errors import ErrorCode, PoiseError
 from poise.excitation import joint_peaks
 from poise.excitation.execution import ExecutionOptions, ReadyStops, SentStop
+from poise.nodes.clock import node_seconds, simulates_time
 from poise.nodes.motion_watch import WatchLimits
 from poise.nodes.parameters import Parameter
 from poise.nodes.runtime import guarded
@@ -105,6 +106,7 @@ class ProcessWatchdog:
             "action_name": node.resolve_service_name(name),
             "arguments": _enclave(sys.argv),
             "domain": node.context.get_domain_id(),
+            "simulated": simulates_time(node),
             **{topic: node.resolve_topic_name(topic) for topic in ("joint_trajectory", "joint_states", "wrench")},
         }
         self._keys = itertools.count(1)
@@ -176,7 +178,7 @@ class ProcessWatchdog:
     @property
     def alive(self) -> bool:
         """It can still stop the motion."""
-        now = time.monotonic()
+        now = node_seconds()
         if now - self._looked > _HELD_UP:  # what it said may wait to be read
             self._said = max(self._said, now - _LOST + _HELD_UP)
         self._looked = now
@@ -215,7 +217,7 @@ class ProcessWatchdog:
         if not self._up or loaded is None:
             raise PoiseError(ErrorCode.INTERNAL, "the watchdog does not have the stops of this motion")
         self._answered.clear()
-        self._refusal, self._said = None, time.monotonic()
+        self._refusal, self._said = None, node_seconds()
         self._armed = self._may_stop.value = number = next(self._keys)
         self._say("arm", key=loaded[0], number=number, begin=begin, goal=self._current)
         self._answered.wait(_ARMING)
@@ -270,7 +272,7 @@ class ProcessWatchdog:
             self._link = link = WatchdogLink(ours.detach())
             self._say("setup", open=self._open, **self._setup)
             while (word := link.receive()) is not None:
-                self._said = time.monotonic()
+                self._said = node_seconds()
                 self._hear(word)
             self._up = self._hearing = False
             self._confirmed = 0

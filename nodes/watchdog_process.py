@@ -27,6 +27,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, PoiseError
+from poise.nodes.clock import follow_clock, node_seconds, with_time
 from poise.nodes.motion_watch import MotionWatch, WatchLimits
 from poise.nodes.responses import send_responses_again
 from poise.nodes.runtime import EventsExecutor, to_message
@@ -90,7 +91,8 @@ class WatchdogNode(Node):
     """
 
     def __init__(self, link: QueuedLink, setup: dict[str, Any], armed: SharedNumber) -> None:
-        super().__init__(setup["node"], namespace=setup["namespace"])
+        super().__init__(setup["node"], namespace=setup["namespace"], parameter_overrides=with_time(setup["simulated"]))
+        follow_clock(self)
         self._link, self._setup, self._armed = link, setup, armed
         self.ended = False
         """The node that started this process is gone."""
@@ -172,7 +174,7 @@ class WatchdogNode(Node):
             if self._armed.value != self._number:  # it ended, or its node has stopped it, while this process was late
                 watch.disarm()
                 return
-            chosen = watch.stop(time.monotonic())
+            chosen = watch.stop(node_seconds())
             message = bytearray(motion.messages[chosen.number])
             _STAMP.pack_into(message, _STAMP_AT, *divmod(chosen.stamp, 10**9))
             self._arm.publish(bytes(message))
@@ -190,11 +192,11 @@ class WatchdogNode(Node):
                 continue
             time.sleep(_LOOK)
             with self._lock:
-                problem = watch.problem(time.monotonic())
+                problem = watch.problem(node_seconds())
             if problem is not None:
                 self._try_to_stop(problem)
-            if watch.armed and time.monotonic() > self._said + _ALIVE and self._link.idle:
-                self._said = time.monotonic()
+            if watch.armed and node_seconds() > self._said + _ALIVE and self._link.idle:
+                self._said = node_seconds()
                 self._link.send("alive")
 
     def _try_to_stop(self, error: PoiseError) -> None:
@@ -204,7 +206,7 @@ class WatchdogNode(Node):
             self.get_logger().error(f"the stop could not be sent: {failure!r}", throttle_duration_sec=1.0)
 
     def _on_joint_state(self, data: bytes) -> None:
-        now = time.monotonic()
+        now = node_seconds()
         with self._lock:
             watch = self._watch
             if watch is None:
@@ -222,7 +224,7 @@ class WatchdogNode(Node):
             watch = self._watch
             if watch is None:
                 return
-            watch.wrench(_FORCE.unpack_from(data, len(data) - _WRENCH_BYTES), time.monotonic())
+            watch.wrench(_FORCE.unpack_from(data, len(data) - _WRENCH_BYTES), node_seconds())
         self._report_hearing(watch)
 
     def _report_hearing(self, watch: MotionWatch) -> None:
@@ -255,7 +257,7 @@ class WatchdogNode(Node):
     def _do_watch(self, word: Word) -> None:
         with self._lock:
             limits = WatchLimits(**word.values["limits"])
-            self._watch, self._hearing = MotionWatch(word.values["names"], limits, time.monotonic()), False
+            self._watch, self._hearing = MotionWatch(word.values["names"], limits, node_seconds()), False
             self._motions.clear()
         self._watching.set()
         if self._listening:
@@ -290,13 +292,13 @@ class WatchdogNode(Node):
                 self._link.send("refused", number=number, code=int(error.code), message=error.message)
                 return
             self._motion, self._moving_for, self._number = motion, goal, number
-            watch.arm(motion.begins, motion.fastest, word.values["begin"], time.monotonic())
-        self._said = time.monotonic()
+            watch.arm(motion.begins, motion.fastest, word.values["begin"], node_seconds())
+        self._said = node_seconds()
         self._link.send("armed", number=number)
 
     def _do_beat(self, _: Word) -> None:
         if self._watch is not None:
-            self._watch.beat(time.monotonic())
+            self._watch.beat(node_seconds())
 
     def _do_trip(self, word: Word) -> None:
         self.stop(PoiseError(ErrorCode(word.values["code"]), word.values["message"]))

@@ -1,7 +1,6 @@
 """Node: the world as it is now: what stands in the assembly, what the hand holds, what each object weighs."""
 
 import threading
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,7 @@ from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_changes import changed, changed_meanwhile, not_checked, stability_of
 from poise.nodes.assembly_message import object_of, scene_of_node
+from poise.nodes.clock import node_seconds
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import require_usable, weighed
@@ -227,7 +227,7 @@ class WorldModel(Node):
             raise InputError(ErrorCode.BAD_INPUT, f"grasp_events of {message.id}: there is no event {message.event}")
 
     def _on_estimate(self, message: InertialEstimate) -> None:
-        held, now = self._world.held, time.monotonic()
+        held, now = self._world.held, node_seconds()
         since = message.since.sec * 10**9 + message.since.nanosec
         if held is None or message.error.code != ErrorCode.OK or now - self._weighed < self._values["payload_period"]:
             return
@@ -242,7 +242,7 @@ class WorldModel(Node):
     # -- a scan -----------------------------------------------------------------------------------------------------
 
     def _on_scan(self, message: SegmentedObject) -> None:
-        self._scans[message.id] = message, time.monotonic()
+        self._scans[message.id] = message, node_seconds()
         self._begin_scans()
 
     def _begin_scans(self) -> None:
@@ -264,7 +264,7 @@ class WorldModel(Node):
                 raise InputError(ErrorCode.FRAME_UNKNOWN, f"the transform of {frame} is of an earlier scan")
             there = pose_between(self._frames, parent, self._world.frame) @ pose
         except InputError as error:
-            if time.monotonic() < heard + _FRAME_PATIENCE:
+            if node_seconds() < heard + _FRAME_PATIENCE:
                 return False
             self._refused("segmented_object", error)
             return True

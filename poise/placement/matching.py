@@ -15,6 +15,8 @@ from poise.geometry import Pose, rotation_about, rotation_between, unit
 from poise.placement.features import ContactFeatures, Face
 from poise.types import Array
 
+_PARALLEL = 0.01
+"""Half the angle, rad, below which two planes are parallel: theirs is no place within reach."""
 _ANGLE = np.radians(1.0)
 """Two pairs of normals match when the angles between them differ by less."""
 
@@ -141,12 +143,15 @@ def over_three(a: SupportPoint, b: SupportPoint, c: SupportPoint, up: Array) -> 
 
 
 def _on_planes(rotation: Array, pairs: list[tuple[SupportPoint, Array]], middle: Array, com: Array) -> Pose:
-    """The translation that puts points of the object (3,) on the planes, its com over `middle` as far as is free."""
+    """The translation that puts points of the object (3,) on the planes, its com over `middle` as far as is free.
+
+    Planes that are nearly parallel meet far away: the object comes between them instead, and touches neither.
+    """
     normals = np.array([contact.normal for contact, _ in pairs])
     distances = np.array([contact.normal @ (contact.point - rotation @ point) for contact, point in pairs])
     over = middle - rotation @ com
     gap = distances - normals @ over
-    return Pose(rotation, over + np.linalg.lstsq(normals, gap, rcond=1e-9)[0])
+    return Pose(rotation, over + np.linalg.lstsq(normals, gap, rcond=_PARALLEL)[0])
 
 
 def rotation_of_pairs(first: Array, second: Array, to_first: Array, to_second: Array) -> Array:

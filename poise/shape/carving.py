@@ -108,7 +108,7 @@ class Stone:
         inside = reach <= ball
         if depth is not None:
             inside = reach <= _LARGEST_BALL
-            inside &= ~_pockets(*cells, self._tree, inside, depth, normals)
+            inside &= ~_pockets(*cells, self._tree, inside, ball, depth, normals)
         found = _solid(*cells, inside & (self._volumes > 0))
         if not len(found.tetrahedra):
             raise InputError(
@@ -151,6 +151,7 @@ def _pockets(
     neighbours: Indices,
     tree: tuple[Array, Indices, Indices],
     inside: Mask,
+    ball: float,
     depth: float,
     normals: Array | None,
 ) -> Mask:
@@ -167,7 +168,7 @@ def _pockets(
     facets = np.take_along_axis(tetrahedra[owner], FACES[corner], axis=1)
     nothing = np.zeros(len(inside), bool)
     deep = depths_inside(points, tetrahedra[inside], facets) > depth
-    fits = reach > _BALL
+    fits = reach > ball
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
     facing = normals if normals is not None else oriented_normals(points, facets)

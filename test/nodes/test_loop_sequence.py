@@ -82,7 +82,7 @@ def test_a_loop_in_which_all_goes_well():
     assert record.whole
     assert robot.tray == NAMES
     assert [step.step for step in record.steps] == ["scan", *3 * ["pick", "weigh", "place"], "carry"]
-    content = loop_content(record, 1.0, {"world_model": 0})
+    content = loop_content(record, 1.0, {"world_model": 0}, 2.0)
     assert (content["complete"], content["error"], content["restarts"]) == (True, None, {})
     assert content["objects"][0]["mass_error"] == pytest.approx(-0.002, rel=0.01)
     assert content["objects"][0]["within"]
