@@ -1,6 +1,7 @@
 """`poise loop`: a fake mobile manipulator scans, picks, weighs, places and carries unknown objects."""
 
 import math
+from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
@@ -29,8 +30,7 @@ def loop(
     objects: Annotated[int, typer.Option("--objects", help="Number of unknown objects.", min=1, max=8)] = 5,
     seed: Annotated[int, typer.Option("--seed", help="Equal seeds give equal objects and plans.", min=0)] = 0,
     world: Annotated[
-        Path | None,
-        typer.Option("--world", help="Scene file of the true world, instead of random objects."),
+        Path | None, typer.Option("--world", help="Scene file of the true world, instead of random objects.")
     ] = None,
     distance: Annotated[float, typer.Option("--distance", help="m to carry the stack; 0: not at all.", min=0.0)] = 3.0,
     shapes: Annotated[
@@ -41,12 +41,10 @@ def loop(
         typer.Option("--out", help="Folder for report.html, loop.json, the bag loop.mcap and the nodes' logs."),
     ] = None,
     real_time: Annotated[
-        bool,
-        typer.Option("--real-time", help="Run in the time of the machine, which then has to keep up."),
+        bool, typer.Option("--real-time", help="Run in the time of the machine, which then has to keep up.")
     ] = False,
     rate: Annotated[
-        float,
-        typer.Option("--rate", help="s of simulated time in a second, where the machine keeps up.", min=0.05, max=20.0),
+        float, typer.Option("--rate", help="s of simulated time in a second, at most.", min=0.05, max=20.0)
     ] = 1.0,
     rerun: Annotated[
         Path | None, typer.Option("--rerun", help="Write the stack as a recording for Rerun (needs the extra viewer).")
@@ -66,17 +64,12 @@ def loop(
     prepare_nodes("loop")
     people = console(json_target)
     job = import_module("poise.fake_robots.loop_job")
+    asked = job.LoopJob(robot, objects, seed, world, distance, shapes, out, real_time, rate)
     with _Screen(people) as screen:
-        content, stack = job.run_job(
-            job.LoopJob(robot, objects, seed, world, distance, shapes, out, real_time, rate),
-            screen.step,
-            screen.progress,
-        )
+        content, stack = job.run_job(asked, screen.step, screen.progress)
     written = _files(content, stack, out, rerun)
     write_json(json_target, content)
-    _print(people, content)
-    if written:
-        people.print(f"written: {', '.join(map(str, written))}")
+    _print(people, content, written)
     if not content["complete"]:
         code = ErrorCode[content["error"]["name"]] if content["error"] else ErrorCode.NO_PLACEMENT
         raise NoAnswerError(code, content["sentence"] or _not_done(content))
@@ -137,7 +130,7 @@ class _Screen:
         )
 
 
-def _print(people: Console, content: dict[str, Any]) -> None:
+def _print(people: Console, content: dict[str, Any], written: Sequence[Path]) -> None:
     table = Table(title="Objects", title_justify="left")
     for name in LOOP_COLUMNS:
         table.add_column(name, justify="left" if name in LOOP_COLUMNS[:2] else "right")
@@ -146,6 +139,8 @@ def _print(people: Console, content: dict[str, Any]) -> None:
     people.print(table)
     for sentence in loop_sentences(content):
         people.print(sentence, markup=False)
+    if written:
+        people.print(f"written: {', '.join(map(str, written))}")
 
 
 def _not_done(content: dict[str, Any]) -> str:

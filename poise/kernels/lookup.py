@@ -17,7 +17,8 @@ def pixels_between(
 
     Args:
         depth, rays: (H, W) m along the optical axis, and (2, H, W) x/z and y/z.
-        part: left, right, top, bottom: of it every `step`th pixel, without the outermost.
+        part: left, right, top, bottom, without the outermost pixels.
+        step: pixels from one that is looked at to the next.
         plane: (4,) how the height over it grows along the camera's axes, and what it is at the camera, m.
         heights: (2,) m between which a pixel counts.
         jump: m between it and the four around it.

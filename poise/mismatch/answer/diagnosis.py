@@ -211,7 +211,7 @@ def diagnose(
     begin = time.perf_counter()
     if not (recorded.has("wrench") or recorded.has("effort")):
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "there is no wrench and no usable joint effort to examine")
-    # Readings at a limit of the model are told from the others; clipped predictions would hide what acts before it.
+    # Readings at a limit of the model are left out; clipped predictions would hide what acts before the limit.
     recorded = with_model_effects(recorded, [each for each in model.effects if each.name != "saturation"])
     signals = ["wrench"] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
