@@ -112,8 +112,8 @@ class _Kept:
     """Results in a folder: COMMIT/SEED.json, and SEED-killed.json where a node was to be killed."""
 
     def __init__(self, folder: Path, objects: int, kill: str) -> None:
-        told = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
-        self._folder, self._commit = folder, told.stdout.strip() or "unknown"
+        answer = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+        self._folder, self._commit = folder, answer.stdout.strip() or "unknown"
         self._end = f"{'' if objects == 5 else f'-{objects}'}{'-killed' if kill else ''}.json"
 
     def has(self, seed: int) -> bool:

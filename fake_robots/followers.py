@@ -22,7 +22,7 @@ class Followers:
 
     Args:
         lead: s that the clock may be ahead of a node.
-        warn: is told of a node that is left out.
+        warn: called with a sentence about a node that is left out.
     """
 
     def __init__(self, lead: float, warn: Callable[[str], object]) -> None:

@@ -33,7 +33,7 @@ PARAMETERS = (
         "clock_lead",
         0.0,
         "with publish_clock: s that /clock may be ahead of each node that follows it (topic clock_heard), and the clock"
-        " slows down when this machine is late; 0: it waits for nobody",
+        " slows down when this machine is late; 0: it does not wait",
         (0.0, 10.0),
     ),
     Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),

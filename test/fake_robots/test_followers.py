@@ -23,13 +23,13 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 def test_the_clock_waits_for_the_slowest_and_leaves_out_who_is_silent(clock: list[float]) -> None:
     said: list[str] = []
     known = Followers(0.2, said.append)
-    assert not known.are_behind(7 * SECOND)  # nobody follows
+    assert not known.are_behind(7 * SECOND)  # no node follows
     known.heard("/fast", 7 * SECOND)
     known.heard("/slow", 6 * SECOND)
     assert known.are_behind(7 * SECOND)
     known.heard("/slow", 7 * SECOND - SECOND // 5)
     assert not known.are_behind(7 * SECOND)
-    clock[0] += 60.0  # the clock was paused: nobody has anything to say
+    clock[0] += 60.0  # the clock was paused: no node has anything to say
     assert known.are_behind(8 * SECOND)
     known.heard("/fast", 8 * SECOND)
     clock[0] += 6.0
