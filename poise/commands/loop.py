@@ -24,6 +24,15 @@ from poise.viewing import (
 )
 
 
+RealTimeOption = Annotated[
+    bool, typer.Option("--real-time", help="Run in the time of the machine, which then has to keep up.")
+]
+RateOption = Annotated[
+    float,
+    typer.Option("--rate", help="s of simulated time in a second, where the machine keeps up.", min=0.05, max=20.0),
+]
+
+
 def loop(
     robot: Annotated[str, typer.Option("--robot", help="fr3, or another with a file config/loop_ROBOT.yaml.")] = "fr3",
     objects: Annotated[int, typer.Option("--objects", help="Number of unknown objects.", min=1, max=8)] = 5,
@@ -40,14 +49,8 @@ def loop(
         Path | None,
         typer.Option("--out", help="Folder for report.html, loop.json, the bag loop.mcap and the nodes' logs."),
     ] = None,
-    real_time: Annotated[
-        bool,
-        typer.Option("--real-time", help="Run in the time of the machine, which then has to keep up."),
-    ] = False,
-    rate: Annotated[
-        float,
-        typer.Option("--rate", help="s of simulated time in a second, where the machine keeps up.", min=0.05, max=20.0),
-    ] = 1.0,
+    real_time: RealTimeOption = False,
+    rate: RateOption = 1.0,
     rerun: Annotated[
         Path | None, typer.Option("--rerun", help="Write the stack as a recording for Rerun (needs the extra viewer).")
     ] = None,
@@ -67,11 +70,8 @@ def loop(
     people = console(json_target)
     job = import_module("poise.fake_robots.loop_job")
     with _Screen(people) as screen:
-        content, stack = job.run_job(
-            job.LoopJob(robot, objects, seed, world, distance, shapes, out, real_time, rate),
-            screen.step,
-            screen.progress,
-        )
+        asked = job.LoopJob(robot, objects, seed, world, distance, shapes, out, real_time, rate)
+        content, stack = job.run_job(asked, screen.step, screen.progress)
     written = _files(content, stack, out, rerun)
     write_json(json_target, content)
     _print(people, content)
