@@ -23,7 +23,6 @@ from poise.viewing import (
     write_loop_report,
 )
 
-
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Run in the time of the machine, which then has to keep up.")
 ]
