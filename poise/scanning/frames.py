@@ -13,9 +13,8 @@ from poise.types import Array, Single
 MILLIMETRE = 1e-3
 NEAREST, FARTHEST = 0.05, 5.0
 """m between which depth is believed."""
-_BLIND = 0.02
-"""Of the depth that the middle one of the frames has: a frame with less was taken by a covered camera. A flat view over
-a table with nothing behind it has a tenth, and is the one that sees the sides of objects."""
+_BLIND = 0.25
+"""Of the depth that the middle one of the frames has: a frame with less was taken by a covered camera."""
 SANE = 20.0
 """m: a typical depth beyond this is millimetres in a float image."""
 

@@ -25,7 +25,6 @@ from poise.recording import (
     typestore,
 )
 from poise.scanning import Camera, ScanOptions, SweepOptions, read_sweep, scan_sweep
-from poise.scanning.frames import dropped_blind
 from poise.scanning.painting import painted
 
 OPTICAL = "camera_color_optical_frame"
@@ -254,15 +253,6 @@ def test_a_covered_lens_is_left_out(tmp_path):
     sweep, found = scanned(record(tmp_path / "hand.mcap", views))
     assert any("4 of 24 frames" in note and "covered" in note for note in sweep.notes)
     is_brick(found)
-
-
-def test_a_flat_view_that_sees_little_is_no_covered_lens():
-    full = np.ones((30, 40), np.float32)
-    flat, covered = full * (np.arange(30) < 2)[:, None], full * 0
-    frames = [replace(brick_views()[0].frame, depth=depth) for depth in (full, full, flat, covered)]
-    kept, notes = dropped_blind(frames)
-    assert [frame.depth.mean() for frame in kept] == pytest.approx([1, 1, 2 / 30])
-    assert "1 of 4 frames" in notes[0]
 
 
 def test_an_empty_table_is_refused(tmp_path):
