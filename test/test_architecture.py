@@ -370,8 +370,12 @@ def test_the_core_loads_on_a_machine_without_ros() -> None:
     assert not done.stdout.strip(), done.stdout
 
 
-def test_the_command_line_starts_without_the_drawing_libraries() -> None:
-    script = "import sys, poise.cli; print(*(n for n in ('matplotlib', 'jinja2', 'rerun') if n in sys.modules))"
+@pytest.mark.parametrize(
+    ("module", "not_loaded"),
+    [("poise.cli", ("matplotlib", "jinja2", "rerun")), ("poise.commands.mismatch", ("scipy.stats", "poise.assembly"))],
+)
+def test_a_command_starts_without_libraries_that_it_rarely_uses(module: str, not_loaded: tuple[str, ...]) -> None:
+    script = f"import sys, {module}; print(*(n for n in {not_loaded} if n in sys.modules))"
     command = [sys.executable, "-c", script]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr

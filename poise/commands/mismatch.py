@@ -29,7 +29,6 @@ from poise.commands.mismatch_export import (
     read_model_exports,
     with_payload_link,
 )
-from poise.commands.mismatch_scene import answer_scene
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -167,6 +166,8 @@ def mismatch(
         if len(bags) > 1 or any(other is not None for other in others):
             sentence = "--scene takes one recording, and no options but --carrier, --picture, --deadline and --json"
             raise InputError(ErrorCode.BAD_INPUT, sentence)
+        from poise.commands.mismatch_scene import answer_scene  # it loads the assembly engine, which takes long
+
         answer_scene(bags[0], scene, carrier, deadline, picture, json_target)
         return
     exports = read_model_exports(export, into)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from poise.assembly.contact import CONTACT_MARGIN
 from poise.assembly.scene import Assembly, RigidObject
@@ -138,7 +138,7 @@ class _Problem:
         slot[moving] = np.arange(len(moving))
         covariance = np.array([items[i].pose_covariance for i in moving], dtype=np.float64).reshape(-1, 6, 6)
         self.bodies = SeenBodies(poses, slot, covariance)
-        self.limit = float(norm.isf(_THREE_SIGMA / 2 / max(1, covariance[..., 0].size)))
+        self.limit = float(-ndtri(_THREE_SIGMA / 2 / max(1, covariance[..., 0].size)))
         self.candidates = find_candidates(items, self.bodies, self.limit)
         self.up = -assembly.gravity / np.linalg.norm(assembly.gravity)
         self.choice = self.chosen(None)

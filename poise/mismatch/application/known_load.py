@@ -1,10 +1,10 @@
 """The load of a model with its covariance, as an object of an assembly on a base."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import InertialParameters, frame_change
@@ -12,6 +12,9 @@ from poise.mismatch.effects import PAYLOAD_PARAMETERS
 from poise.mismatch.inference import payload_steps
 from poise.mismatch.reading import NominalModel
 from poise.types import Array
+
+if TYPE_CHECKING:  # the assembly engine takes longer to load than a short diagnosis computes
+    from poise.assembly import RigidObject
 
 _CAUTION = 2.0
 """Sigmas by which mass and centre of mass are varied; those of a stated payload reach its tolerances."""
@@ -37,7 +40,7 @@ def known_load(model: NominalModel) -> tuple[Array, Array]:
     ]
 
 
-def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose) -> list[RigidObject]:
+def loads_about(item: "RigidObject", model: NominalModel, pose_sensor_object: Pose) -> "list[RigidObject]":
     """The object with the load of the model, then its sigma points: one each way along every axis of
     the covariance of mass and first moment (Julier and Uhlmann 2004), at `_CAUTION` sigmas.
 
