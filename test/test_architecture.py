@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from tools.draw_architecture import PAGE, page
 from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
 

@@ -1,6 +1,7 @@
 """`poise mismatch`: the physics that a recording shows and the simulation lacks."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -162,10 +163,7 @@ def mismatch(
     """
     refuse_folder(json_target, "--json")
     if scene is not None:
-        others = (model, report, save, separate, against, joints, export, into, payload_link)
-        if len(bags) > 1 or any(other is not None for other in others):
-            sentence = "--scene takes one recording, and no options but --carrier, --picture, --deadline and --json"
-            raise InputError(ErrorCode.BAD_INPUT, sentence)
+        _scene_alone(bags, (model, report, save, separate, against, joints, export, into, payload_link))
         from poise.commands.mismatch_scene import answer_scene  # it loads the assembly engine, which takes long
 
         answer_scene(bags[0], scene, carrier, deadline, picture, json_target)
@@ -185,6 +183,12 @@ def mismatch(
         last_one = last if last.any() else None
         found = diagnose(recorded, readings[0].model, last_one, deadline=deadline, progress=progress)
     _answer(asked, readings, found)
+
+
+def _scene_alone(bags: Sequence[Path], others: Sequence[object]) -> None:
+    if len(bags) > 1 or any(other is not None for other in others):
+        sentence = "--scene takes one recording, and no options but --carrier, --picture, --deadline and --json"
+        raise InputError(ErrorCode.BAD_INPUT, sentence)
 
 
 @dataclass(frozen=True)
