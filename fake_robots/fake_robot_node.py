@@ -33,7 +33,7 @@ from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source, make_
 from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.fake_robots.trajectory_action import TrajectoryAction
-from poise.nodes.clock import CLOCK_HEARD
+from poise.nodes.clock import CLOCK_HEARD, CLOCK_SAID
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, publish, run
 
@@ -95,7 +95,9 @@ class FakeRobot(Node):
 
     def _follow_followers(self) -> Callable[[int], bool]:
         """Whether nodes that follow /clock are behind a time."""
-        followers = Followers(self._values["clock_lead"], self.get_logger().warning)
+        # A follower speaks once in CLOCK_SAID, at a tick of the clock: a smaller lead would wait for what never comes.
+        least = 2.0 * max(1e-9 * CLOCK_SAID, 1.0 / self._values["clock_rate"])
+        followers = Followers(max(self._values["clock_lead"], least), self.get_logger().warning)
         take = guarded(self, lambda said: followers.heard(said.frame_id, Time.from_msg(said.stamp).nanoseconds))
         self.create_subscription(Header, CLOCK_HEARD, take, 100)
         return followers.are_behind

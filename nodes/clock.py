@@ -15,7 +15,7 @@ CLOCK_HEARD = "clock_heard"
 """Topic on which a node that follows /clock says how far it has come: stamp, and its name as frame_id."""
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For timers of what belongs to the machine: the time limit of a computation, whether a process is alive."""
-_SAY = 50_000_000
+CLOCK_SAID = 50_000_000
 """ns of simulated time between two messages on clock_heard."""
 _PATIENCE = 10.0
 """s of the machine without /clock after which the time of the node goes on by itself."""
@@ -61,7 +61,7 @@ class SimulatedTime:
             self._alone = False
             self._node.get_logger().info("/clock is back")
         now = self._clock.now()
-        if abs(now.nanoseconds - self._said) >= _SAY:
+        if abs(now.nanoseconds - self._said) >= CLOCK_SAID:
             self._said = now.nanoseconds
             self._outlet.publish(Header(stamp=now.to_msg(), frame_id=self._node.get_fully_qualified_name()))
 
@@ -72,7 +72,8 @@ class SimulatedTime:
             return
         if not self._alone:
             self._alone = True
-            what = f"no /clock for {patience:g} s: start the simulator, or set use_sim_time to false"
+            still = f"/clock has not advanced for {patience:g} s"
+            what = f"{still}: start or resume the simulator, or set use_sim_time to false"
             self._node.get_logger().error(f"{ErrorCode.SENSOR_STALE.name}: {what}; the node's time goes on without it")
         self._ours = True
         try:

@@ -23,6 +23,8 @@ _SOON, _SURE = 4, 1.5
 """Samples that show how it moves; standard deviations of one by which it then leans, if it tips."""
 _LOWER, _OF_NORMAL = 0.25, 0.3186
 """A quantile of what steps of noise are, and where that of the absolute values of a normal distribution is."""
+_LEVEL = 0.5
+"""Horizontal part of the direction of a motion from which it has a direction in the plane."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,8 @@ def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: A
         length * float(np.median(np.diff(track.seconds))),
     )
     farthest, most = float(track.moved.max()), float(np.linalg.norm(lean, axis=1).max())
-    mode, level = "tip" if tips else "slip", tuple(unit(way[:2]).tolist())
+    level = tuple(unit(way[:2]).tolist()) if np.linalg.norm(way[:2]) > _LEVEL else ()
+    mode = "tip" if tips else "slip"
     return CarriedMotion(name, mode, time, deviation, farthest, most, released, level, sudden)
 
 

@@ -14,7 +14,7 @@ from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
-from poise.mismatch.effects.saturation import limited_readings
+from poise.mismatch.effects.saturation import exceeded, limited_readings
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.registry import entries_of
@@ -33,6 +33,7 @@ __all__ = [
     "Values",
     "all_effects",
     "effect_named",
+    "exceeded",
     "joint_columns",
     "joint_unit",
     "limited_readings",

@@ -44,7 +44,8 @@ class Backlash(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.effort is None:
             return ()
-        low, high = _gaps(recorded)
+        ranges = [_gaps(recorded, number) for number in numbers(recorded)]
+        low, high = min(each[0] for each in ranges), max(each[1] for each in ranges)
         return (
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
             EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True),
@@ -72,7 +73,9 @@ class Backlash(Effect):
             there, here = there - there.mean(), here - here.mean()
             return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
 
-        gap = min(np.geomspace(*_gaps(recorded), _TRIED), key=lambda each: left(float(each), _SOFT[1], _BLURS[0]))
+        gap = min(
+            np.geomspace(*_gaps(recorded, joint), _TRIED), key=lambda each: left(float(each), _SOFT[1], _BLURS[0])
+        )
         for blur, reach in zip(_BLURS, _REACHES, strict=True):
             gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), _SOFT[1], blur))
         settling = min(_SOFT, key=lambda each: left(float(gap), each, 1))
@@ -88,13 +91,26 @@ class Backlash(Effect):
         own = np.arange(whole.shape[1]) == column
         return np.stack([whole * own, whole * ~own], axis=2)
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        low, high = _gaps(recorded, values["joint"])
+        inside = low * (1.0 - 1e-9) <= values["gap"] <= high * (1.0 + 1e-9)
+        unit = "m" if _slides(recorded, values["joint"]) else "rad"
+        return super().implausible(recorded, values) or ("" if inside else f"gap would be {values['gap']:.3g} {unit}")
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        slides = _slides(recorded, values["joint"])
+        gap = f"{1e3 * values['gap']:.2g} mm" if slides else f"{np.degrees(values['gap']):.2f} degrees"
         return (
-            f"{joint_called(recorded, values['joint'])} has {np.degrees(values['gap']):.2f} degrees of backlash: its "
-            "torque vanishes at each change of sign, then a knock follows; the nominal gear has no play."
+            f"{joint_called(recorded, values['joint'])} has {gap} of backlash: its {'force' if slides else 'torque'} "
+            "vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )
 
 
-def _gaps(recorded: RecordedMotion) -> tuple[float, float]:
-    """The range of gaps, in m where all joints slide."""
-    return _SLIDING if set(efforts(recorded).names) <= set(efforts(recorded).prismatic) else _GAPS
+def _slides(recorded: RecordedMotion, joint: float) -> bool:
+    """Whether a joint, by its number, is prismatic."""
+    return joint_called(recorded, joint) in efforts(recorded).prismatic
+
+
+def _gaps(recorded: RecordedMotion, joint: float) -> tuple[float, float]:
+    """The range of gaps of a joint, rad or m."""
+    return _SLIDING if _slides(recorded, joint) else _GAPS

@@ -190,6 +190,11 @@ class Effect(ABC):
         del recorded
         return None
 
+    def differs(self, values: Values, stated: Values) -> bool:
+        """Of a `direct` effect: whether the values that the readings show contradict those that the model states."""
+        del values, stated
+        return False
+
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         """(N, 6, k) or (M, J, k): the response to one unit of each linear parameter, in the order of `parameters`.
 

@@ -1,4 +1,4 @@
-"""Saturation: the reading stops at a limit while the load goes on."""
+"""Saturation: the reading stays at a limit although the load increases."""
 
 from collections.abc import Iterable
 
@@ -15,6 +15,10 @@ _FEWEST = 8
 """Readings at exactly one extreme value that chance does not explain."""
 _BEYOND, _SIGMAS = 0.9, 3.0
 """Share of these readings at which the load reaches the limit as the model predicts it, within so many sigmas."""
+_VARIES = 0.5
+"""Scatter of the predicted load at equal readings, in units of the noise, from which the load is not at rest."""
+_SAME = 0.02
+"""Relative difference within which a limit that the readings show is the one that the model states."""
 
 
 class Saturation(Effect):
@@ -47,7 +51,7 @@ class Saturation(Effect):
             yield _limits(recorded)
 
     def detected(self, recorded: RecordedMotion) -> Values | None:
-        """The limits, where the predicted load goes on while the readings stay at them."""
+        """The limits, where the predicted load exceeds them while the readings stay at them."""
         limited = limited_readings(recorded)
         if limited is None:
             return None
@@ -59,6 +63,9 @@ class Saturation(Effect):
             return None
         return _limits(recorded)
 
+    def differs(self, values: Values, stated: Values) -> bool:
+        return any(values[name] < (1.0 - _SAME) * stated[name] for name, _, _ in _GROUPS)
+
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
@@ -66,25 +73,59 @@ class Saturation(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
         stops = [f"{values[name]:.3g} {unit}" for name, unit, _ in _GROUPS if values[name] < 0.99 * _HIGHEST]
-        return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
+        return (
+            f"The reading stays at {' and '.join(stops)} although the load increases: the nominal sensor has no limit."
+        )
 
 
-def limited_readings(recorded: RecordedMotion, known: Values | None = None) -> Mask | None:
+def limited_readings(recorded: RecordedMotion, stated: Values | None = None) -> Mask | None:
     """(N, 6) True where a reading is at the end of the sensor's range; None where no reading is.
+
+    The readings show the range, with one limit for the three forces or torques, or with another one at each end of each
+    axis (gauges that limit one axis, a sensor that was tared). A limit that the model states counts too, unless
+    readings exceed it.
 
     Args:
         recorded: the recording.
-        known: the parameters of a limit that the model states; None: the readings show it.
+        stated: the parameters of a limit that the model states, or None.
     """
-    limits = _limits(recorded) if known is None else known
-    each = np.repeat([limits.get(name, _HIGHEST) for name, _, _ in _GROUPS], 3)
-    at_limit = np.abs(recorded.wrench) >= each * (1.0 - 1e-9)
+    at_limit = _at_ends(recorded)
+    for name, _, part in _GROUPS:
+        size = np.abs(recorded.wrench[:, part])
+        limits = [plateau(recorded.wrench[:, part]) or _HIGHEST]
+        if stated is not None and not exceeded(recorded, name, stated[name]):
+            limits.append(stated[name])
+        at_limit[:, part] |= size >= min(limits) * (1.0 - 1e-9)
     return at_limit if at_limit.any() else None
 
 
+def exceeded(recorded: RecordedMotion, name: str, stated: float) -> bool:
+    """Whether readings are beyond a limit, `force_limit` or `torque_limit`, that a model states."""
+    part = next(part for each, _, part in _GROUPS if each == name)
+    return bool(np.nanmax(np.abs(recorded.wrench[:, part])) > (1.0 + _SAME) * stated)
+
+
+def _at_ends(recorded: RecordedMotion) -> Mask:
+    """(N, 6) readings at an end of the range of one axis, at which the load varies while the reading does not."""
+    noise = white_level(recorded.wrench - recorded.prediction)
+    found = np.zeros(recorded.wrench.shape, dtype=bool)
+    for c, readings in enumerate(recorded.wrench.T):
+        for signed in (readings, -readings):
+            end = plateau(signed[signed > 0.0])
+            rows = signed >= end * (1.0 - 1e-9) if end > 0.0 else found[:, c]
+            if end > 0.0 and np.std(recorded.prediction[rows, c]) > max(_VARIES * noise[c], lattice(readings)):
+                found[:, c] |= rows
+    return found
+
+
 def _limits(recorded: RecordedMotion) -> Values:
-    """The limits that the readings show; the highest ones where they show none."""
-    return {name: plateau(recorded.wrench[:, part]) or _HIGHEST for name, _, part in _GROUPS}
+    """The limits that the readings show, the larger one of ends that differ; the highest ones where they show none."""
+    at_limit = limited_readings(recorded)
+    found = {}
+    for name, _, part in _GROUPS:
+        at = np.abs(recorded.wrench[:, part])[at_limit[:, part]] if at_limit is not None else np.zeros(0)
+        found[name] = float(at.max()) if len(at) else _HIGHEST
+    return found
 
 
 def plateau(values: Array) -> float:
@@ -93,7 +134,7 @@ def plateau(values: Array) -> float:
     Readings that are rounded repeat too: far more must be at the limit than at any other value.
 
     Args:
-        values: (N, C) channels with the same limit.
+        values: (N,) or (N, C) of channels with the same limit.
     """
     size = np.abs(values[np.isfinite(values)])
     if not len(size) or size.max() == 0.0:

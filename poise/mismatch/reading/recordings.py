@@ -16,7 +16,13 @@ from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
-from poise.mismatch.reading.sanity import check_frame_motion, check_motion, check_wrench, without_spikes
+from poise.mismatch.reading.sanity import (
+    check_frame_motion,
+    check_motion,
+    check_wrench,
+    exceeded_limits,
+    without_spikes,
+)
 from poise.mismatch.reading.simulator import (
     nominal_description,
     sensor_frame_of,
@@ -92,7 +98,7 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
 
     known = replace(known, sensor_frame=frame)
     recorded, known, corrections = _against(build, str(recording.path), known, np.zeros(10))
-    findings = check_frame_motion(recorded)
+    findings = [*check_frame_motion(recorded), *exceeded_limits(recorded, model)]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -131,6 +137,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
     findings = [*_held(model, robot, text, streams), *findings]
+    findings += exceeded_limits(recorded, model) if wrench is not None else []
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 

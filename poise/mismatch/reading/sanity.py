@@ -6,7 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.mismatch.effects import exceeded
 from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
@@ -69,6 +71,14 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
                 f"the contract is {unit}",
                 gain=gains[index],
             )
+
+
+def exceeded_limits(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
+    """Limits of the sensor that the model states, and that readings exceed: they are not used."""
+    stated = next((each.values for each in model.effects if each.name == "saturation"), {})
+    wrong = [f"{name} of {value:.4g}" for name, value in stated.items() if exceeded(recorded, name, value)]
+    said = [f"Readings exceed the {what} in the model; it is not used." for what in wrong]
+    return [InputFinding("limit_exceeded", sentence) for sentence in said]
 
 
 def check_positions(robot: RobotModel, position: Array) -> None:
