@@ -12,7 +12,11 @@ from poise.mismatch.inference import EffectCandidate, EffectProof, FittedEffect,
 
 
 def beliefs_of(
-    names: tuple[str, ...], excess: float, beside: str = "", instead: dict[str, EffectCandidate] | None = None
+    names: tuple[str, ...],
+    excess: float,
+    beside: str = "",
+    instead: dict[str, EffectCandidate] | None = None,
+    suspects: frozenset[str] = frozenset(),
 ) -> tuple[EffectBelief, ...]:
     """Of an answer with ample evidence and no rivals but those that may stand instead of each part."""
     parts = tuple(FittedEffect(effect, {}) for effect in map(effect_named, names) if effect is not None)
@@ -20,7 +24,7 @@ def beliefs_of(
     fit = cast(HypothesisFit, SimpleNamespace(parts=parts))
     model = ProvenModel(fit, (proof,) * len(parts), (), {})
     steady = [Variation("time", 0.0)] * len(parts)
-    return beliefs(model, [instead or {} for _ in parts], steady, 0.04, [beside] * len(parts))
+    return beliefs(model, [instead or {} for _ in parts], steady, 0.04, [beside] * len(parts), suspects)
 
 
 @pytest.mark.parametrize(("name", "shares"), [("contact", True), ("sensor_bias", False)])
@@ -36,6 +40,14 @@ def test_similar_names_share_where_the_residual_without_one_is_within_the_noise(
     filtered, late = beliefs_of(("low_pass", "clock_offset"), excess)
     assert (max(filtered.probability, late.probability) < 0.5) == shares
     assert (filtered.alike == ("clock_offset",)) == shares
+
+
+@pytest.mark.parametrize(("name", "shares"), [("effort_offset", True), ("viscous_friction", False)])
+def test_a_name_on_the_efforts_shares_with_what_the_wrench_supports_without_proof(name: str, shares: bool) -> None:
+    """A joint offset and a tilted base that cancel in the wrench load the joints as constant errors do."""
+    (found,) = beliefs_of((name,), 20.0, suspects=frozenset({"joint_offset", "base_tilt"}))
+    assert (found.probability < 0.5) == shares
+    assert ("joint_offset" in found.alike) == shares
 
 
 def test_a_rival_that_explains_hardly_anything_is_none_however_much_the_answer_leaves() -> None:

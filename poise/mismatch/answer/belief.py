@@ -103,6 +103,7 @@ def beliefs(
     varied: Sequence[Variation],
     misfit: float,
     beside: Sequence[str],
+    suspects: frozenset[str] = frozenset(),
 ) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
 
@@ -116,9 +117,11 @@ def beliefs(
         varied: the strongest variation of each part.
         misfit: share of the error of the nominal model that the answer leaves above the noise.
         beside: for each part, the state on which an unknown effect depends that may stand in its place; "" without one.
+        suspects: effects that another signal of the recording supports without proof, where that one stays unexplained:
+            those that are confused with a name are as likely.
     """
     parts = zip(model.fit.parts, model.proofs, instead, varied, beside, strict=True)
-    return tuple(_belief(model, *each, misfit) for each in parts)
+    return tuple(_belief(model, *each, misfit, suspects) for each in parts)
 
 
 def _belief(
@@ -129,6 +132,7 @@ def _belief(
     variation: Variation,
     beside: str,
     misfit: float,
+    suspects: frozenset[str],
 ) -> EffectBelief:
     """Of one effect of an answer; see `beliefs`."""
     lost = set(model.dropped) - {other.effect.name for other in model.fit.parts}
@@ -143,7 +147,7 @@ def _belief(
     if curve and name in candidates:
         lacks = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
         odds[curve] *= min(max(lacks / _LAW, 0.0), 1.0)
-    ruled = _equal_by_rule(model, part, proof, beside)
+    ruled = _equal_by_rule(model, part, proof, beside) | suspects & set(part.effect.confused_with)
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
     odds |= dict.fromkeys(ruled, 1.0)

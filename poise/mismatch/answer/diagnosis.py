@@ -18,6 +18,7 @@ from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, u
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
+    EffectCandidate,
     FittedEffect,
     HeldOutProof,
     HypothesisFit,
@@ -54,6 +55,7 @@ _ALLOWED, _LEAST = 0.15, 1e-3
 least one of the nominal model by which a misfit is divided."""
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
+_Proven = tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +224,8 @@ def diagnose(
         share = 1.0 / len(signals)
         limit = TimeLimit(_FOR_SEARCH * left / (len(signals) - number), progress, (number * share, share))
         problem = wrench_problem(recorded, model) if signal == "wrench" else _efforts(recorded, model, examined)
-        examined.append(_examined(problem, last, library, limit))
+        suspects = frozenset(name for one in examined if one.unknown is not None for name in one.unproven)
+        examined.append(_examined(problem, last, library, limit, suspects))
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
         for effect in (all_effects() if library is None else library)
@@ -264,7 +267,11 @@ def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
 
 
 def _examined(
-    problem: Problem, last: Mask | None, library: Sequence[Effect] | None, limit: TimeLimit
+    problem: Problem,
+    last: Mask | None,
+    library: Sequence[Effect] | None,
+    limit: TimeLimit,
+    suspects: frozenset[str],
 ) -> SignalDiagnosis:
     seen, looked, held = problem, problem, tail(problem)
     if last is not None:
@@ -273,28 +280,20 @@ def _examined(
         seen = replace(problem, judged=~held)
         looked = problem.of(without(problem.recorded, last))
     state, best = search(looked, library, limit)
-    model, final, best, proof = _proven(state, best, seen, held)
-    state.limit = state.limit.extended(_FOR_RIVALS / _FOR_SEARCH)
-    instead = replacements(state, model.fit)
-    for _ in range(_REPLACED):
-        better = None if state.limit.over() else improved(state, model.fit, instead)
-        if better is None:
-            break
-        tried = _proven(state, better, seen, held)
-        if set(names(better)) - set(names(model.fit)) <= set(names(tried[0].fit)):
-            model, final, best, proof = tried
-            instead = replacements(state, model.fit)
+    (model, final, best, proof), instead = _with_rivals(state, best, seen, held)
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, best, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     left = unknown_physics(final, best, rest)
     beside = "" if left is None else next(iter(left.depends_on), "time")
     varied = variations(final, best.parts)
-    named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside)
+    named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
     unnamed = unclear(named)
     doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
     effort = None if problem.signal == "wrench" else problem.recorded.effort
     channels = WRENCH_CHANNELS if effort is None else effort.names
+    # With the best model's calibration: a calibration without the findings would be biased by them.
+    off = final.measured - final.predicted(final.recorded) - best.calibrated
     return SignalDiagnosis(
         problem=final,
         nominal=nominal,
@@ -303,10 +302,7 @@ def _examined(
         findings=(*(each for each in named if each not in unnamed), *detected),
         unknown=unknown_physics(final, best, rest, unnamed),
         residual_test=rest,
-        # With the best model's calibration: a calibration without the findings would be biased by them.
-        windows=locate(
-            final.recorded, final.measured - final.predicted(final.recorded) - best.calibrated, final.noise, channels
-        ),
+        windows=locate(final.recorded, off, final.noise, channels),
         calibration=calibration_estimates(final, best),
         held_out=held,
         proof=proof,
@@ -314,9 +310,25 @@ def _examined(
     )
 
 
-def _proven(
+def _with_rivals(
     state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask
-) -> tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]:
+) -> tuple[_Proven, tuple[dict[str, EffectCandidate], ...]]:
+    """The proven model after better effects took the place of its own, and what each effect wins in each place."""
+    found = _proven(state, best, seen, held)
+    state.limit = state.limit.extended(_FOR_RIVALS / _FOR_SEARCH)
+    instead = replacements(state, found[0].fit)
+    for _ in range(_REPLACED):
+        better = None if state.limit.over() else improved(state, found[0].fit, instead)
+        if better is None:
+            break
+        tried = _proven(state, better, seen, held)
+        if set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit)):
+            found = tried
+            instead = replacements(state, found[0].fit)
+    return found, instead
+
+
+def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:
     """The largest model whose effects have their proof and that does not increase the held-out error.
 
     Returns:

@@ -58,8 +58,9 @@ def named_effects(
     varied: Sequence[Variation],
     misfit: float,
     beside: str,
+    suspects: frozenset[str] = frozenset(),
 ) -> list[NamedEffect]:
-    """The effects of the best fit; `instead`, `varied` and `misfit` as in `beliefs`.
+    """The effects of the best fit; `instead`, `varied`, `misfit` and `suspects` as in `beliefs`.
 
     `beside` is the state on which the unknown part of the answer depends, "" without one.
     """
@@ -67,7 +68,7 @@ def named_effects(
     states = [
         part.effect.imitated(recorded, part.values) or beside for part, recorded in zip(best.parts, inputs, strict=True)
     ]
-    confidence = beliefs(model, instead, varied, misfit, states)
+    confidence = beliefs(model, instead, varied, misfit, states, suspects)
     found = [
         NamedEffect(
             part.effect,

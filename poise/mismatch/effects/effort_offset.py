@@ -20,7 +20,7 @@ class EffortOffset(Effect):
     separating_motion = (
         "slow strokes of each joint over its whole range: weight follows the posture, an offset does not"
     )
-    confused_with = ("coulomb_friction", "payload_parameters", "link_parameters")
+    confused_with = ("coulomb_friction", "payload_parameters", "link_parameters", "joint_offset", "base_tilt")
     needs = ("effort",)
     widens = "offset"
 

@@ -25,7 +25,15 @@ class LinkParameters(Effect):
     source = "Gautier 1991 (base parameters by QR); Khalil and Dombre 2002, section 12"
     excited_by = "gravity in many postures; accelerations of all joints"
     separating_motion = "slow strokes of each joint over its whole range with the others folded, then quick ones"
-    confused_with = ("payload_parameters", "motor_gain", "motor_inertia", "effort_offset", "series_elasticity")
+    confused_with = (
+        "payload_parameters",
+        "motor_gain",
+        "motor_inertia",
+        "effort_offset",
+        "series_elasticity",
+        "joint_offset",
+        "base_tilt",
+    )
     needs = ("effort",)
     widens = "links"
     general = True
