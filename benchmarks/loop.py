@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -43,12 +44,12 @@ console = Console(width=120)
 
 
 def one_loop(
-    seed: int, objects: int, distance: float, shapes: str, kill: str, out: Path, real_time: bool = False
+    seed: int, objects: int, distance: float, shapes: str, kill: str, out: Path, time_given: Sequence[str] = ()
 ) -> dict[str, Any]:
     """The content of loop.json of one run, with what came of its stack in MuJoCo."""
     command = [sys.executable, "-m", "poise.cli", "loop", "--seed", str(seed), "--objects", str(objects)]
     command += ["--distance", str(distance), "--shapes", shapes, "--out", str(out)]
-    command += ["--real-time"] if real_time else []
+    command += time_given
     rng = np.random.default_rng([seed, 9])
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     killed: list[str] = []
@@ -212,9 +213,11 @@ def main() -> None:
     parser.add_argument(
         "--real-time", action="store_true", help="in the time of the machine, as poise loop --real-time"
     )
+    parser.add_argument("--rate", type=float, default=1.0, help="s of simulated time in a second, at most")
     parser.add_argument("--out", type=Path, help="keep the result of each seed in this folder, and go on with it")
     parser.add_argument("--json", type=Path, help="write all results there")
     options = parser.parse_args()
+    time_given = ["--real-time"] if options.real_time else ["--rate", str(options.rate)]
     seeds, objects = (1, 1) if options.quick else (options.seeds, options.objects)
     loops = []
     kept = options.out and _Kept(options.out, objects, options.kill)
@@ -222,9 +225,7 @@ def main() -> None:
         if kept and kept.has(seed):
             continue
         with TemporaryDirectory() as folder:
-            loop = one_loop(
-                seed, objects, options.distance, options.shapes, options.kill, Path(folder), options.real_time
-            )
+            loop = one_loop(seed, objects, options.distance, options.shapes, options.kill, Path(folder), time_given)
         loops.append(loop)
         if kept:
             kept.keep(loop)

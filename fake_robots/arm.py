@@ -371,7 +371,7 @@ class SimulatedArm:
         for time_taken, position in zip(taken.tolist(), motion.position, strict=True):
             stamp = self._start + time_taken
             yield Message(stamp, "", b"")  # the image is taken when its time has come
-            parent = handling.root @ self._frames.pose(camera.mounted.parent, position)
+            parent = handling.root @ self._frames.poses((camera.mounted.parent,), position)[0]
             number = round(time_taken * 1e-9 * camera.mounted.rate)
             yield from camera.expose(number, stamp, parent @ camera.mounted.pose, handling.world.objects)
 

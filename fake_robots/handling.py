@@ -55,10 +55,8 @@ class Handling:
         while (tick := self._first + len(self._felt)) * _TICK <= until:
             seconds = np.array([tick * _TICK])
             position = motion(seconds).position[0]
-            tool = self.root @ self._frames.pose(self._tool_frame, position)
-            base = self.root
-            if self._frames.base_columns:
-                base = self.root @ self._frames.pose(self._frames.base, position)
+            poses = self._frames.poses((self._tool_frame, self._frames.base), position)
+            tool, base = (self.root @ pose for pose in poses)
             opening = self._gripper.travel.opening(float(self._gripper.at(seconds)[0][0]))
             held = self.world.advance(Hand(seconds[0], tool, base, opening, self._gripper.force(seconds[0])))
             self._gripper.stop_at(held.opening if held.id else None)

@@ -57,9 +57,10 @@ class LinkFrames:
         moved = [(parent, child, _pose(places[i].actInv(places[j]))) for parent, child, i, j in self._moving]
         return tf_bytes([(stamp, *each) for each in moved])
 
-    def pose(self, frame: str, position: Array) -> Pose:
-        """Of a frame in the root, for (J,) joint positions."""
-        return _pose(self._places(position)[self._model.frame_id(frame)])
+    def poses(self, frames: Iterable[str], position: Array) -> list[Pose]:
+        """Of frames in the root, for (J,) joint positions."""
+        places = self._places(position)
+        return [_pose(places[self._model.frame_id(frame)]) for frame in frames]
 
     def _places(self, position: Array) -> Any:
         still = np.zeros((1, len(position)))

@@ -33,7 +33,7 @@ PARAMETERS = (
         "clock_lead",
         0.0,
         "with publish_clock: s that /clock may be ahead of each node that follows it (topic clock_heard), at least two"
-        " ticks and 0.1 s. The clock slows down when a node is late; 0: it waits for no node",
+        " ticks and 0.2 s. The clock slows down when a node is late; 0: it waits for no node",
         (0.0, 10.0),
     ),
     Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),

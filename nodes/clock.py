@@ -15,7 +15,7 @@ CLOCK_HEARD = "clock_heard"
 """Topic on which a node that follows /clock says how far it has come: stamp, and its name as frame_id."""
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For timers of what belongs to the machine: the time limit of a computation, whether a process is alive."""
-CLOCK_SAID = 50_000_000
+CLOCK_SAID = 100_000_000
 """ns of simulated time between two messages on clock_heard."""
 _PATIENCE = 10.0
 """s of the machine without /clock after which the time of the node goes on by itself."""

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import Pose, rotation_of_quaternion
+from poise.geometry import Pose
 from poise.nodes.runtime import TF_STATIC, guarded
 from poise.recording import stamp_of
 from poise.robot import FrameTree
@@ -39,17 +39,19 @@ def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> 
     Raises:
         InputError: NOT_FINITE, naming the last frame left out; FRAME_UNKNOWN as `FrameTree.add`.
     """
-    wrong = None
+    wrong, good, values = None, [], []
     for stamped in message.transforms:
         shift, turn = stamped.transform.translation, stamped.transform.rotation
         length = math.hypot(turn.x, turn.y, turn.z, turn.w)  # squares of huge numbers would overflow
         if not (abs(length - 1) < _UNIT and abs(shift.x + shift.y + shift.z) < float("inf")):
             wrong = stamped.child_frame_id
             continue
-        rotation = rotation_of_quaternion([[turn.x, turn.y, turn.z, turn.w]])
-        place = [[shift.x, shift.y, shift.z]]
-        stamp = [stamp_of(stamped)]
-        tree.add(stamp, stamped.header.frame_id, stamped.child_frame_id, rotation, place, fixed=fixed)
+        good.append(stamped)
+        values.append([shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w])
+    poses = Pose.from_vector(np.reshape(values, (-1, 7)))  # all at once: this runs for each message of tf
+    for stamped, rotation, place in zip(good, poses.rotation, poses.translation, strict=True):
+        frames = stamped.header.frame_id, stamped.child_frame_id
+        tree.add([stamp_of(stamped)], *frames, rotation[None], place[None], fixed=fixed)
     if wrong is not None:
         raise InputError(ErrorCode.NOT_FINITE, f"tf: the transform of {wrong} is not valid; it was left out")
 

@@ -1,5 +1,6 @@
 """The world of the core as poise_msgs/WorldState, poise_msgs/Assembly and transforms."""
 
+import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -46,16 +47,19 @@ def standing_message(world: World, now: int) -> AssemblyMessage | None:
 
 def transforms_of(world: World, now: int) -> list[TransformStamped]:
     """Of the frames of movable objects: under the frame of the assembly, or that of the hand; now: ns."""
-    return [
-        _transform(known.frame, known.item.id, known.item.pose, now)
-        for known in world.objects.values()
-        if not known.item.fixed and known.where is not Whereabouts.LOST
-    ]
+    shown = [each for each in world.objects.values() if not each.item.fixed and each.where is not Whereabouts.LOST]
+    if not shown:
+        return []
+    rotation, place = (
+        np.array([getattr(each.item.pose, part) for each in shown]) for part in ("rotation", "translation")
+    )
+    vectors = Pose(rotation, place).vector.tolist()  # all at once: this runs at the rate of tf
+    return [_transform(each.frame, each.item.id, row, now) for each, row in zip(shown, vectors, strict=True)]
 
 
-def _transform(parent: str, child: str, pose: Pose, now: int) -> TransformStamped:
+def _transform(parent: str, child: str, vector: list[float], now: int) -> TransformStamped:
     transform = TransformStamped(child_frame_id=child)
     transform.header.frame_id, transform.header.stamp = parent, time_message(now)
     shift, turn = transform.transform.translation, transform.transform.rotation
-    shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w = pose.vector.tolist()
+    shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w = vector
     return transform

@@ -144,7 +144,7 @@ def _polynomial_bounds(motion: WaypointTrajectory) -> list[tuple[Array, Array]]:
     if len(motion.times) == 1:
         still = np.zeros(motion.position.shape[1])
         return [(motion.position[0], motion.position[0]), *[(still, still)] * 3]
-    powers = motion.polynomials()
+    powers = motion.polynomials
     span = np.diff(motion.times)[:, None]
     powers = powers * span ** np.arange(6)[:, None, None]  # in u = 0..1 of each stretch
     out = []

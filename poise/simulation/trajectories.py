@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -169,7 +170,7 @@ class WaypointTrajectory:
         segment = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         span = np.diff(self.times)[segment]
         u = np.clip((t - self.times[segment]), 0.0, span)
-        coefficients = self.polynomials()[:, segment]
+        coefficients = self.polynomials[:, segment]
         out = []
         for _ in range(3):
             out.append(np.einsum("kn,knj->nj", u ** np.arange(len(coefficients))[:, None], coefficients))
@@ -178,6 +179,7 @@ class WaypointTrajectory:
         out[1][outside] = out[2][outside] = 0.0
         return JointMotion(*out)
 
+    @cached_property
     def polynomials(self) -> Array:
         """(6, K - 1, J) of each segment's polynomial in the time since its start (Craig 2005, eq. 7.18)."""
         velocity, acceleration = np.asarray(self.velocity), np.asarray(self.acceleration)
