@@ -95,9 +95,8 @@ class FakeRobot(Node):
 
     def _follow_followers(self) -> Callable[[int], bool]:
         """Whether nodes that follow /clock are behind a time."""
-        # A follower speaks once in CLOCK_SAID, at a tick of the clock: a smaller lead would wait for what never comes.
-        least = 2.0 * max(1e-9 * CLOCK_SAID, 1.0 / self._values["clock_rate"])
-        followers = Followers(max(self._values["clock_lead"], least), self.get_logger().warning)
+        between = max(1e-9 * CLOCK_SAID, 1.0 / self._values["clock_rate"])
+        followers = Followers(self._values["clock_lead"], self.get_logger().warning, between)
         take = guarded(self, lambda said: followers.heard(said.frame_id, Time.from_msg(said.stamp).nanoseconds))
         self.create_subscription(Header, CLOCK_HEARD, take, 100)
         return followers.are_behind

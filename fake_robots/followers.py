@@ -23,10 +23,11 @@ class Followers:
     Args:
         lead: s that the clock may be ahead of a node.
         warn: is called with a message about a node that is left out.
+        between: s between two messages of a follower; the lead is at least twice that.
     """
 
-    def __init__(self, lead: float, warn: Callable[[str], object]) -> None:
-        self._lead, self._warn = round(lead * 1e9), warn
+    def __init__(self, lead: float, warn: Callable[[str], object], between: float = 0.0) -> None:
+        self._lead, self._warn = round(max(lead, 2.0 * between) * 1e9), warn
         self._followers: dict[str, _Follower] = {}
 
     def heard(self, name: str, stamp: int) -> None:

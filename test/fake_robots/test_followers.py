@@ -40,6 +40,15 @@ def test_the_clock_waits_for_the_slowest_and_leaves_out_who_is_silent(clock: lis
     assert known.are_behind(8 * SECOND)
 
 
+def test_the_clock_never_waits_for_a_message_that_is_not_due(clock: list[float]) -> None:
+    said: list[str] = []
+    known = Followers(0.01, said.append, between=0.1)
+    known.heard("/node", 7 * SECOND)
+    assert not known.are_behind(7 * SECOND + SECOND // 5)
+    assert known.are_behind(7 * SECOND + SECOND // 5 + 1)
+    assert not said
+
+
 def test_what_is_held_moves_the_schedule() -> None:
     holds, heard = itertools.count(), []
 

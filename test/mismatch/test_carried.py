@@ -299,3 +299,21 @@ def test_a_deadline_leaves_causes_out_and_says_so(tmp_path: Path) -> None:
     assert any("deadline" in note for note in found.notes)
     assert found.verdict == "unknown"
     assert not found.effects
+
+
+def test_a_box_that_settles_straight_down_has_no_direction(tmp_path: Path) -> None:
+    """Exact poses, as a simulator gives them: no direction, and no probability that is not a number."""
+    times, _ = drive(1.0)
+    frames = [np.arange(len(times))[::20], np.arange(len(times))[::33]]
+    stamps = START + np.round(times * 1e9).astype(np.int64)
+    down = np.where(times > 5.2, -2.5e-3, 0.0)
+    base, place = (np.zeros((len(rows), 3)) for rows in frames)
+    place += np.array([0.1, 0.0, 0.03]) + down[frames[1], None] * [0.0, 0.0, 1.0]
+    turns = [np.tile(np.eye(3), (len(rows), 1, 1)) for rows in frames]
+    streams = [
+        PoseStream(stamps[frames[0]], turns[0], base, "odom", "tray"),
+        PoseStream(stamps[frames[1]], turns[1], place, "tray", "box"),
+    ]
+    found = examined(write_bag(tmp_path / "run.mcap", {"tf": streams}), scene())
+    assert all(one.way == () for one in found.seen)
+    assert np.isfinite(found.declared)
