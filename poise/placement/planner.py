@@ -91,6 +91,10 @@ class Options:
         if self.deadline is not None and not (np.isfinite(self.deadline) and self.deadline > 0):
             raise InputError(ErrorCode.BAD_INPUT, f"deadline {self.deadline} s: give a positive time")
 
+    def deadline_from(self, start: float) -> Deadline:
+        """The deadline of a request that came at `start`, s on the monotonic clock."""
+        return Deadline(None if self.deadline is None else start + self.deadline)
+
 
 @dataclass(frozen=True, eq=False)
 class Placement:
@@ -173,7 +177,7 @@ def plan_placement(
     start = time.monotonic()
     require_new(_objects(assembly), item)
     analysis = Analysis.of(assembly)
-    analysis.require_stable()
+    analysis.require_stable(options.deadline_from(start))
     rng = np.random.default_rng(seed)
     features = ContactFeatures.of(item.shape, item.com)
     size = float(np.linalg.norm(np.ptp(item.shape.polyhedron.vertices, axis=0)))
@@ -254,8 +258,7 @@ class _Search:
         estimates = [score for _, _, score in judged if score is not None]
         if len(judged) == 1:
             return judged[0][:2]
-        limit = self._options.deadline
-        deadline = Deadline(None if limit is None else self._start + limit)
+        deadline = self._options.deadline_from(self._start)
         analyses = [analysis for analysis, *_ in judged]
         return judged[best_confirmed(analyses, estimates, self._options.criterion, deadline)][:2]
 

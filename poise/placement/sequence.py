@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
-from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement.choice import best_confirmed
 from poise.placement.planner import Options, Placement, PlacementProgress, plan_placement
@@ -84,7 +83,7 @@ def plan_sequence(
     start = time.monotonic()
     ids = require_distinct(items)
     analysis = Analysis.of(assembly)
-    analysis.require_stable()
+    analysis.require_stable(options.deadline_from(start))
     rng = np.random.default_rng(seed)
     orders_found: list[list[Placement]] = []
     most: list[Placement] = []
@@ -122,7 +121,7 @@ def _best(orders: list[list[Placement]], options: Options, start: float) -> list
             judged.append((placements, estimate_score(placements[-1].analysis, options.criterion == "median")))
     if not judged:
         return orders[0]
-    deadline = Deadline(None if options.deadline is None else start + options.deadline)
+    deadline = options.deadline_from(start)
     results = [placements[-1].analysis for placements, _ in judged]
     return judged[best_confirmed(results, [score for _, score in judged], options.criterion, deadline)][0]
 

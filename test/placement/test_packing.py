@@ -13,12 +13,13 @@ import pytest
 from benchmarks.placement import packing as benchmark
 from benchmarks.placement import totes
 from benchmarks.placement.scenes import box
-from poise.assembly import Mesh, RigidObject
+from poise.assembly import Analysis, Mesh, RigidObject
 from poise.assembly.scene.scene_files import read_object
+from poise.assembly.statics import NO_DEADLINE
 from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
-from poise.placement import CancelledError, Options, PackingOptions, Upright
+from poise.placement import CancelledError, Options, PackingOptions, Upright, plan_placement, plan_sequence
 from poise.placement.packing import Packing, find_container, pack, turns, turns_of
 from poise.worlds import save_scene
 
@@ -242,6 +243,20 @@ def test_every_request_ends_by_its_deadline(monkeypatch, deadline):
         pack(totes.tote(), cubes(80, 0.03), Options(deadline=deadline))
     assert error.value.code is ErrorCode.DEADLINE
     assert next(clock) <= (60 if deadline is None else deadline) + 5
+
+
+@pytest.mark.parametrize(
+    "planner", [pack, plan_sequence, lambda scene, items, how: plan_placement(scene, items[0], how)]
+)
+def test_whether_the_scene_stands_is_asked_within_the_deadline(monkeypatch, planner):
+    given, stability = [], Analysis.stability
+    monkeypatch.setattr(
+        Analysis, "stability", lambda scene, until=NO_DEADLINE: given.append(until) or stability(scene, until)
+    )
+    with pytest.raises(NoAnswerError) as error:
+        planner(totes.tote(), cubes(2, 0.03), Options(deadline=1e-9))
+    assert error.value.code in (ErrorCode.DEADLINE, ErrorCode.NO_PLACEMENT)
+    assert given[0].passed
 
 
 @pytest.mark.parametrize("steps", [1, 2, 4])

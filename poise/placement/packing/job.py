@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import Pose
 from poise.placement import (
@@ -123,7 +124,6 @@ def pack(
     analysis = Analysis.of(assembly)
     for item in items:
         require_new(analysis.assembly.objects, item)
-    analysis.require_stable()
     job = _Job(analysis, items, options, start, progress)
     return job.best(np.random.default_rng(seed), ORDERS if orders is None else orders)
 
@@ -164,6 +164,7 @@ class _Job:
         self._analysis, self._items, self._options = analysis, items, options
         self._start, self._progress = start, progress
         self._deadline = SECONDS if options.deadline is None else options.deadline
+        analysis.require_stable(Deadline(start + self._deadline))
         self._iteration = 0
         self._rejected: Counter[str] = Counter()
         try:
