@@ -43,8 +43,8 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
     if len(stuck):
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench is constant: is "
-            "the sensor on, and its driver running?",
+            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench is constant: "
+            "is it at the end of its range, is the sensor on, and its driver running?",
         )
     read, expected = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
     gains, likeness = [], []
