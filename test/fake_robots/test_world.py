@@ -239,7 +239,7 @@ def robot(camera=False):
     """An FR3 at home whose finger tips are around a block on a table, and where the block is."""
     model, description = RobotModel.from_file("fr3"), find_urdf("fr3").read_text()
     frames = LinkFrames(description, model)
-    tool = frames.pose("tcp", home(model))
+    tool = frames.poses(("tcp",), home(model))[0]
     block = body("block", Box((0.04, 0.04, 0.04)), tool)
     table = RigidObject(
         "table", Box((0.4, 0.4, 0.04)), at(*tool.translation[:2], block.vertices[:, 2].min() - 0.02), fixed=True

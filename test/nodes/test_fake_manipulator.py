@@ -35,7 +35,7 @@ def scene(path: Path) -> str:
     """A block between the open fingers of an FR3 at home, on a table."""
     description = mounted_on_base(read_urdf(find_urdf("fr3")), 0.4)
     model = RobotModel.from_urdf(description)
-    tool = LinkFrames(description, model).pose("tcp", home(model))
+    tool = LinkFrames(description, model).poses(("tcp",), home(model))[0]
     block = RigidObject("block", Box((0.04, 0.04, 0.04)), tool, mass=0.5)
     under = np.array([*tool.translation[:2], block.vertices[:, 2].min() - 0.02])
     table = RigidObject("table", Box((0.08, 0.08, 0.04)), Pose(np.eye(3), under), fixed=True)
