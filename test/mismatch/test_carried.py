@@ -205,7 +205,7 @@ def test_direction_and_course_tell_a_push_from_a_slip() -> None:
         probability(limits, acceleration, 0.03, part(*w), seconds, 0.05) for w in ((-1.0, 0.0), (0.0, 1.0))
     )
     assert along > 20 * across > 0.0
-    slow, fast = part(-1.0, 0.0, sudden=-9.0), part(-1.0, 0.0, sudden=9.0)
+    slow, fast = part(-1.0, 0.0, sudden=-9.0), part(-1.0, 0.0, sudden=40.0)
     assert of_course(slow, pushed=False) > 20 * of_course(slow, pushed=True)
     assert of_course(fast, pushed=True) > 20 * of_course(fast, pushed=False)
 

@@ -269,7 +269,8 @@ def _beliefs(
             continue
         rows.append(evidence.tried(cause, place))
         progress((done + 1) / len(every))
-    total = (declared + sum(row.belief for row in rows)) or 1.0
+    left = sum(cause.prior for cause, _ in every if _called(cause) in untried)  # as if they explained all
+    total = (declared + left + sum(row.belief for row in rows)) or 1.0
     ranked = sorted(_calibrated([replace(row, belief=row.belief / total) for row in rows]), key=lambda row: -row.belief)
     return declared / total, ranked, untried
 

@@ -77,7 +77,7 @@ def _motion(name: str, track: ObjectTrack, recording: CarriedRecording, scene: A
     shift = _cleaned(track.translation - track.start.translation, track.noise[0])
     lean = _cleaned(_leaning(track), track.noise[1])
     found = [
-        _detected(shift, _MOVED, track.noise[0], track),
+        _detected(shift[:, :2], _MOVED, track.noise[0], track),  # nothing slips upwards, and what tips leans
         _detected(lean, _TIPPED, track.noise[1], track),
     ]
     hits = [one for one in found if one is not None]
