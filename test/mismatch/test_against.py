@@ -136,3 +136,11 @@ def test_of_several_recordings_the_answer_says_when_a_change_appeared(pair, tmp_
     assert (appeared["name"], Path(appeared["first"]).name) == ("coulomb_friction", "2.mcap")
     assert appeared["lasting"]
     assert not appeared["in_before"]
+
+
+def test_motions_that_never_meet_need_a_model(pair, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, _ = pair
+    there = states(folder, "b")
+    write_recording(tmp_path / "there.mcap", {"joint_states": replace(there, position=there.position + 1.5)})
+    assert run(["mismatch", str(folder / "bare_a.mcap"), "--against", str(tmp_path / "there.mcap")]) == 3
+    assert "0% of the recording's motion is also in the simulator's" in " ".join(capsys.readouterr().err.split())
