@@ -90,13 +90,12 @@ def named_effects(
 
 def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect] | None) -> list[NamedEffect]:
     """Effects that the readings show beside the prediction of the best fit, and that the model does not state so."""
-    known = {component.name: component.values for component in problem.model.effects}
     recorded = problem.with_prediction(problem.recorded, problem.predicted(problem.recorded) + best.response)
     found = []
     for effect in all_effects() if library is None else library:
         values = effect.detected(recorded) if effect.signal == problem.signal and effect.direct else None
-        stated = known.get(effect.name)
-        if values is not None and (stated is None or effect.differs(values, stated)):
+        stated = problem.model.effect(effect.name)
+        if values is not None and (stated is None or effect.differs(values, stated.values)):
             parameters = effect.parameters(problem.recorded)
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
             reported = quantities(FittedEffect(effect, values), problem.recorded, covariance)

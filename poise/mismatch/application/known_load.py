@@ -31,7 +31,7 @@ def known_load(model: NominalModel) -> tuple[Array, Array]:
     if model.phi is None:
         raise InputError(ErrorCode.BAD_INPUT, "the model has no payload: state one, or save a diagnosis of a recording")
     steps = payload_steps(model.phi, model.tolerance) / _CAUTION
-    found = next((part for part in model.effects if part.name == "payload_parameters"), None)
+    found = model.effect("payload_parameters")
     if found is None:
         return model.phi, np.asarray(steps @ steps.T)
     order = [list(found.values).index(name) for name in PAYLOAD_PARAMETERS]

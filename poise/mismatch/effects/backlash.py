@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers
+from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers
 from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
@@ -94,8 +94,8 @@ class Backlash(Effect):
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         low, high = _gaps(recorded, values["joint"])
         inside = low * (1.0 - 1e-9) <= values["gap"] <= high * (1.0 + 1e-9)
-        unit = "m" if _slides(recorded, values["joint"]) else "rad"
-        return super().implausible(recorded, values) or ("" if inside else f"gap would be {values['gap']:.3g} {unit}")
+        wrong = "" if inside else f"gap would be {values['gap']:.3g} {joint_unit(recorded, 'rad', 'gap', values)}"
+        return super().implausible(recorded, values) or wrong
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         slides = _slides(recorded, values["joint"])

@@ -47,8 +47,9 @@ class Saturation(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del residual
-        if limited_readings(recorded) is not None:
-            yield _limits(recorded)
+        limited = limited_readings(recorded)
+        if limited is not None:
+            yield _limits(recorded, limited)
 
     def detected(self, recorded: RecordedMotion) -> Values | None:
         """The limits, where the predicted load exceeds them while the readings stay at them."""
@@ -61,7 +62,7 @@ class Saturation(Effect):
         sizes = (beyond / np.repeat(noise, 3))[limited]
         if np.mean(sizes > -_SIGMAS) < _BEYOND or np.mean(sizes) < 1.0:
             return None
-        return _limits(recorded)
+        return _limits(recorded, limited)
 
     def differs(self, values: Values, stated: Values) -> bool:
         return any(values[name] < (1.0 - _SAME) * stated[name] for name, _, _ in _GROUPS)
@@ -112,20 +113,18 @@ def _at_ends(recorded: RecordedMotion) -> Mask:
     for c, readings in enumerate(recorded.wrench.T):
         for signed in (readings, -readings):
             end = plateau(signed[signed > 0.0])
-            rows = signed >= end * (1.0 - 1e-9) if end > 0.0 else found[:, c]
-            if end > 0.0 and np.std(recorded.prediction[rows, c]) > max(_VARIES * noise[c], lattice(readings)):
+            if end == 0.0:
+                continue
+            rows = signed >= end * (1.0 - 1e-9)
+            if np.std(recorded.prediction[rows, c]) > max(_VARIES * noise[c], lattice(readings)):
                 found[:, c] |= rows
     return found
 
 
-def _limits(recorded: RecordedMotion) -> Values:
-    """The limits that the readings show, the larger one of ends that differ; the highest ones where they show none."""
-    at_limit = limited_readings(recorded)
-    found = {}
-    for name, _, part in _GROUPS:
-        at = np.abs(recorded.wrench[:, part])[at_limit[:, part]] if at_limit is not None else np.zeros(0)
-        found[name] = float(at.max()) if len(at) else _HIGHEST
-    return found
+def _limits(recorded: RecordedMotion, limited: Mask) -> Values:
+    """The limits that limited readings (N, 6) show: the larger one of ends that differ, the highest one without any."""
+    size = np.abs(recorded.wrench)
+    return {name: float(size[:, part][limited[:, part]].max(initial=0.0)) or _HIGHEST for name, _, part in _GROUPS}
 
 
 def plateau(values: Array) -> float:

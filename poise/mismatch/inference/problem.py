@@ -286,7 +286,8 @@ def _begun(
     signal: Literal["wrench", "effort"],
     widened: frozenset[str] = frozenset(),
 ) -> Problem:
-    stated = next((each.values for each in model.effects if each.name == "saturation"), None)
+    saturation = model.effect("saturation")
+    stated = None if saturation is None else saturation.values
     limited = limited_readings(recorded, stated) if signal == "wrench" else None
     noise = signal_noise(recorded, model, signal, None, limited=limited)
     rough = Problem(recorded, model, noise, signal, widened=widened, limited=limited)

@@ -124,6 +124,10 @@ class NominalModel:
     simulator: SimulatorModel | None = None
     payload_link: str | None = None
 
+    def effect(self, name: str) -> ModelEffect | None:
+        """The effect of this name in the model; None where it has none."""
+        return next((each for each in self.effects if each.name == name), None)
+
     @property
     def gravity_or_standard(self) -> float:
         """m/s2, downwards."""

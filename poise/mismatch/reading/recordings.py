@@ -136,8 +136,8 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
-    findings = [*_held(model, robot, text, streams), *findings]
-    findings += exceeded_limits(recorded, model) if wrench is not None else []
+    exceeded = exceeded_limits(recorded, model) if wrench is not None else []
+    findings = [*_held(model, robot, text, streams), *findings, *exceeded]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 

@@ -75,8 +75,9 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
 
 def exceeded_limits(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
     """Limits of the sensor that the model states, and that readings exceed: they are not used."""
-    stated = next((each.values for each in model.effects if each.name == "saturation"), {})
-    wrong = [f"{name} of {value:.4g}" for name, value in stated.items() if exceeded(recorded, name, value)]
+    saturation = model.effect("saturation")
+    stated = saturation.values.items() if saturation is not None else ()
+    wrong = [f"{name} of {value:.4g}" for name, value in stated if exceeded(recorded, name, value)]
     said = [f"Readings exceed the {what} in the model; it is not used." for what in wrong]
     return [InputFinding("limit_exceeded", sentence) for sentence in said]
 
