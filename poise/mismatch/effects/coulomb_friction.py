@@ -53,7 +53,7 @@ class CoulombFriction(Effect):
                 for i, s, known in zip(joints, sizes, in_model(recorded, "friction"), strict=True)
             ),
             *(
-                EffectParameter(f"asymmetry_{i}", "N m", 0.1 * s, hidden=True)
+                EffectParameter(f"asymmetry_{i}", "N m", 0.03 * s, hidden=True)
                 for i, s in zip(joints, sizes, strict=True)
             ),
         )

@@ -11,6 +11,10 @@ from poise.types import Array
 
 _HIGHEST = 250.0
 """Waves per revolution that are tried."""
+_LEAST_SPAN = 0.05
+"""rad or m that a joint has to travel."""
+_FEW = np.linspace(1.0, 2.0, 9)
+"""Waves in the range travelled that are compared with a cubic: both have four parameters."""
 
 
 class GearRipple(Effect):
@@ -42,7 +46,8 @@ class GearRipple(Effect):
         track = efforts(recorded)
         peaks = []
         for column, number in enumerate(numbers(recorded)):
-            orders, power = _spectrum(track.position[:, column], residual[:, column])
+            position, left = track.position[:, column], residual[:, column]
+            orders, power = np.hstack([_few_waves(position, left), _spectrum(position, left)])
             if len(orders):
                 best = int(np.argmax(power))
                 peaks.append((float(power[best]), float(orders[best]), float(number)))
@@ -71,11 +76,31 @@ class GearRipple(Effect):
         )
 
 
-def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
-    """Orders (waves per revolution, 1/rad) of two waves or more in the range travelled; their power over the noise."""
+def _few_waves(position: Array, residual: Array) -> Array:
+    """(2, k) orders of one to two waves in the range travelled; their power, as by `_spectrum`, beyond that of a cubic."""
     span = float(np.ptp(position))
-    if span < 0.05:
-        return np.zeros(0), np.zeros(0)
+    if span < _LEAST_SPAN:
+        return np.zeros((2, 0))
+    place = (position - position.min()) / span
+    turns = 2.0 * np.pi * _FEW[:, None] * place
+    line, cubic = (np.vander(place, count) for count in (2, 4))
+    waves = [np.column_stack([line, np.sin(turn), np.cos(turn)]) for turn in turns]
+    smooth, *left = (_unexplained(columns, residual) for columns in (cubic, *waves))
+    power = 0.5 * len(residual) * np.maximum(1.0 - np.array(left) / max(smooth, 1e-12), 0.0)
+    return np.array([2.0 * np.pi / span * _FEW, power])
+
+
+def _unexplained(columns: Array, residual: Array) -> float:
+    """Sum of squares that least squares leave."""
+    rest = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+    return float(rest @ rest)
+
+
+def _spectrum(position: Array, residual: Array) -> Array:
+    """(2, k) orders (waves per revolution, 1/rad) of two waves or more in the range travelled; their power over the noise."""
+    span = float(np.ptp(position))
+    if span < _LEAST_SPAN:
+        return np.zeros((2, 0))
     # Sums of the residual in narrow bins of position; their Fourier transform is that over the positions.
     count = int(np.ceil(span * _HIGHEST * 8.0 / (2.0 * np.pi))) + 1
     place = np.minimum((position - position.min()) / span * count, count - 1).astype(int)
@@ -86,4 +111,4 @@ def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
     power = np.abs(np.fft.rfft(sums, size)) ** 2 / max(float(left @ left), 1e-12)
     order = np.asarray(2.0 * np.pi * np.arange(len(power)) * count / (size * span))
     kept = (order > 2.0 * 2.0 * np.pi / span) & (order < _HIGHEST)
-    return order[kept], power[kept]
+    return np.array([order[kept], power[kept]])

@@ -38,6 +38,7 @@ class GraspCompliance(Effect):
     separating_motion = "hold the payload level in four directions: it tilts in proportion to its moment"
     confused_with = ("flexible_mode", "payload_parameters", "joint_offset", "sensor_rotation", "sensor_gain")
     needs = ("load",)
+    turn = "largest_turn"
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -65,6 +66,13 @@ class GraspCompliance(Effect):
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         return self._simulated(recorded, values)
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """A pivot at the end of its range is in no gripper: the answer follows something else."""
+        (height,) = (p for p in self.parameters(recorded) if p.name == "height")
+        if height.at_end(values["height"]):
+            return f"the grip would be {1e3 * values['height']:.0f} mm from the sensor"
+        return super().implausible(recorded, values)
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         turn = _turns(recorded, values)[0]
