@@ -1,7 +1,7 @@
 """Confidence of an answer: probabilities of effects, their rivals, and indistinguishable effects."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from poise.mismatch.effects import effect_named
@@ -206,10 +206,15 @@ def _contains(name: str, piece: str) -> bool:
     return effect is not None and piece in effect.made_of
 
 
-def probability_of_none(state: HypothesisSearch) -> float:
-    """Probability that nothing of the library is there; effects that were not tried keep their prior odds."""
+def probability_of_none(state: HypothesisSearch, unproven: Collection[str]) -> float:
+    """Probability that nothing of the library is there.
+
+    Effects that were not tried, or whose evidence counts for nothing because they lack a proof or lie inside the
+    tolerances, keep their prior odds.
+    """
     found = _evidences(state)
-    found |= {(name,): found[()] for name in state.late}
+    void = {each for each in found if each in state.within or not set(unproven).isdisjoint(each)}
+    found |= dict.fromkeys([*void, *((name,) for name in state.late)], found[()])
     evidence = {names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in found.items()}
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())

@@ -157,7 +157,7 @@ class Diagnosis:
     @property
     def probability(self) -> float:
         """Of the verdict `none`."""
-        return float(np.prod([probability_of_none(each.search) for each in self.examinations]))
+        return float(np.prod([probability_of_none(each.search, each.unproven) for each in self.examinations]))
 
     @property
     def unproven(self) -> dict[str, str]:

@@ -14,8 +14,8 @@ from poise.mismatch.inference import (
     state_description,
 )
 
-_LEAST_NAMED = 0.4
-"""Probability below which an effect is not named: it is one of several that explain the recording."""
+_LEAST_NAMED = 0.5
+"""Probability below which an effect is not named: all other causes together are likelier."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,7 +77,7 @@ class GearRipple(Effect):
 
 
 def _few_waves(position: Array, residual: Array) -> Array:
-    """(2, k) orders of one to two waves in the range travelled; their power, as by `_spectrum`, beyond that of a cubic."""
+    """(2, k) orders of one to two waves in the range travelled; their power, as below, beyond that of a cubic."""
     span = float(np.ptp(position))
     if span < _LEAST_SPAN:
         return np.zeros((2, 0))
@@ -97,7 +97,7 @@ def _unexplained(columns: Array, residual: Array) -> float:
 
 
 def _spectrum(position: Array, residual: Array) -> Array:
-    """(2, k) orders (waves per revolution, 1/rad) of two waves or more in the range travelled; their power over the noise."""
+    """(2, k) orders (waves per revolution, 1/rad) of two waves or more in the range; their power over the noise."""
     span = float(np.ptp(position))
     if span < _LEAST_SPAN:
         return np.zeros((2, 0))

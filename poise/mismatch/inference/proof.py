@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, residual_of
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence
 from poise.mismatch.recorded import RecordedMotion
@@ -43,8 +43,8 @@ nothing is left at other times, the energy of the whole residual during the even
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
 LEAST_BESIDE = 100.0
-"""log evidence that an event, or an effect beside a stronger one, must win: noise of other families than those of the
-noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
+"""log evidence that an event of free course, or an effect beside a stronger one, must win: noise of other families than
+those of the noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
 """Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
 above that of noise, as its share, where it acts."""
@@ -135,6 +135,20 @@ class ProvenModel:
 
 
 def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
+    """The model whose effects have their proof; the best other one where free curves without a proof hid its names."""
+    found = _shortened(state, best)
+    curves = {part.effect.name for part in best.parts if isinstance(part.effect, Dependence)} & set(found.dropped)
+    kept = state.fits.get(names(found.fit), found.fit)
+    open_ones = [each for key, each in state.fits.items() if found.dropped.keys().isdisjoint(key)]
+    other = max(open_ones, key=lambda each: each.log_evidence, default=kept)
+    if not curves or other.log_evidence - kept.log_evidence < _LEAST_EVIDENCE or state.limit.over():
+        return found
+    tried = _shortened(state, other)
+    named = any(not isinstance(part.effect, Dependence) for part in tried.fit.parts)
+    return replace(tried if named else found, dropped=found.dropped | tried.dropped)
+
+
+def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
     """The model without the effects that lack a proof; after each removal the others are proven again."""
     dropped: dict[str, str] = {}
     while True:
@@ -187,9 +201,10 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
 def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
-    A lasting effect that is alone explains everything that there is to explain; its probability says how weak it is.
+    An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
+    of free course follows noise, too.
     """
-    alone = effect.transfers and proof.support >= strongest
+    alone = not effect.free_course and proof.support >= strongest
     if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"

@@ -208,7 +208,8 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
-    good = [each for each in good if exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)]
+    state.within |= {names(each) for each in good if not exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)}
+    good = [each for each in good if names(each) not in state.within]
     return _simplest(good, nominal) if good else None
 
 
