@@ -23,6 +23,10 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
+_SLOW = 0.5
+"""Share of the largest speed below which stiction acts."""
+
+
 class StribeckFriction(Effect):
     """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) tanh(v_j / width) + d_j v_j; one v_s and one width for all joints."""
 
@@ -69,7 +73,10 @@ class StribeckFriction(Effect):
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """Without stiction, this is Coulomb and viscous friction."""
+        """Without stiction, this is Coulomb and viscous friction; what falls over the whole range of speeds is none."""
+        fastest = float(np.abs(efforts(recorded).velocity).max()) if recorded.effort is not None else np.inf
+        if values["velocity"] > _SLOW * fastest:
+            return f"stiction would reach up to {values['velocity']:.2f} rad/s of {fastest:.2f} rad/s"
         stiction, torque = (sum(values[f"{kind}_{i}"] for i in numbers(recorded)) for kind in ("stiction", "torque"))
         torque += sum(in_model(recorded, "friction"))
         return super().implausible(recorded, values) or ("there is no stiction" if stiction < 0.1 * torque else "")

@@ -118,12 +118,24 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
         return state.fits[()]
     predicted = state.problem.predicted(state.problem.compose(parts)[1])
     rough = state.problem.with_noise(state.problem.fitted_noise(state.problem.unexplained(predicted)))
-    settled = fit(rough.weighed(), parts, _STEPS)
+    settled = _possible(state, rough.weighed(), fit(rough.weighed(), parts, _STEPS))
     problem = state.under(settled)
     best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
     return best
+
+
+def _possible(state: HypothesisSearch, problem: Problem, found: HypothesisFit) -> HypothesisFit:
+    """The fit, with the simple effects in the place of a combination whose values are impossible."""
+    recorded, rest = problem.recorded, list(found.parts)
+    for part in found.parts:
+        if part.effect.made_of and part.effect.implausible(recorded, part.values):
+            rest.remove(part)
+            known = {other.effect.name for other in rest}
+            pieces = [each for each in state.library if each.name in part.effect.made_of and each.name not in known]
+            rest += [FittedEffect(each, _alone(each, part, recorded)) for each in pieces]
+    return found if tuple(rest) == tuple(found.parts) else fit(problem, rest, _STEPS)
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
