@@ -7,6 +7,7 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.answer import diagnose, effects_called
+from poise.mismatch.answer.belief import probability_of_none
 from poise.mismatch.effects import Effect, EffectParameter, Values, all_effects, effect_named
 from poise.mismatch.inference import (
     EffectProof,
@@ -20,7 +21,8 @@ from poise.mismatch.inference import (
     search,
     wrench_problem,
 )
-from poise.mismatch.inference.proof import elsewhere, immaterial
+from poise.mismatch.inference.proof import elsewhere, faint, immaterial
+from poise.mismatch.inference.unknown import dependences
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -238,3 +240,39 @@ def test_an_event_that_is_over_before_the_held_out_samples_does_not_make_them_wo
     case = make_case(5, duration=14.0, spoil=spoil)
     found = diagnose(case.recorded(), case.model, None, [vibration])
     assert [each.effect.name for each in found.findings] == ["external_vibration"]
+
+
+def test_an_event_without_a_free_course_needs_no_more_than_other_effects_when_it_is_alone() -> None:
+    proof = EffectProof(6, 6, 1.1, 1.0, 60.0, 0.1, 0.0, 9.0, 60.0, 1.0, 0.0)
+    leak, push = effect_named("mass_leak"), effect_named("contact")
+    assert leak is not None
+    assert push is not None
+    assert not faint(leak, proof, 60.0)
+    assert faint(push, proof, 60.0)
+    assert faint(leak, proof, 500.0)
+
+
+def test_a_name_that_a_curve_without_proof_hid_takes_its_place() -> None:
+    recorded, model = pulled(3.0)
+    problem, pull = wrench_problem(recorded, model), Pull(np.inf)
+    state = HypothesisSearch(problem)
+    state.offer(fit(problem, ()))
+    named = state.fitted(problem, [FittedEffect(pull, {"force": 0.0})], 2)
+    curve = next(each for each in dependences(recorded) if each.state.startswith("joint_acceleration"))
+    followed = state.fitted(problem, [FittedEffect(curve, {p.name: 0.0 for p in curve.parameters(recorded)})], 2)
+    assert names(named) == ("pull",)
+    found = proven(state, followed)
+    assert curve.name in found.dropped
+    assert names(found.fit) == ("pull",)
+
+
+def test_what_is_refused_leaves_the_probability_that_nothing_is_there() -> None:
+    recorded, model = pulled(3.0)
+    problem = wrench_problem(recorded, model)
+    state = HypothesisSearch(problem)
+    state.offer(fit(problem, ()))
+    state.fitted(problem, [FittedEffect(Pull(np.inf), {"force": 0.0})], 2)
+    assert probability_of_none(state, ()) < 1e-6
+    assert probability_of_none(state, ("pull",)) > 0.9
+    state.within.add(("pull",))
+    assert probability_of_none(state, ()) > 0.9

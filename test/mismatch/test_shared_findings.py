@@ -11,7 +11,7 @@ from test_effort_recordings import NOISE, PHI, ROBOT, URDF
 from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import UnreportedBaseMotion, effect_named
 from poise.mismatch.inference import FittedEffect, effort_problem, exceeds_tolerance, wrench_problem
-from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, read_streams, with_rest
+from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, on_efforts, read_streams, with_rest
 from poise.mismatch.reading.load_on_efforts import MotionOnEfforts
 from poise.mismatch.recorded import RecordedMotion, joint_torques
 from poise.robot import RobotModel
@@ -151,6 +151,37 @@ def test_a_filter_must_delay_by_more_than_two_tolerances_of_the_clock(constant: 
     effect = effect_named("low_pass")
     assert effect is not None
     assert exceeds_tolerance(problem, [FittedEffect(effect, {"time_constant": constant})], effect) == outside
+
+
+@pytest.mark.parametrize(("stiffness", "outside"), [(4000.0, False), (40.0, True)])
+def test_a_load_must_turn_in_its_grip_by_more_than_the_tolerance_of_the_sensors_rotation(
+    stiffness: float, outside: bool
+) -> None:
+    case = make_case(5, duration=8.0)
+    problem = wrench_problem(case.recorded(), case.model)
+    effect = effect_named("grasp_compliance")
+    assert effect is not None
+    values = {"stiffness": stiffness, "damping_ratio": 0.2, "height": 0.03}
+    turn = effect.derived(problem.recorded, values)["largest_turn"][0]
+    assert (turn > case.model.tolerance.sensor_rotation) == outside
+    assert exceeds_tolerance(problem, [FittedEffect(effect, values)], effect) == outside
+    assert not effect.implausible(problem.recorded, values)
+    assert "from the sensor" in effect.implausible(problem.recorded, values | {"height": -0.1})
+
+
+def test_a_rotor_in_the_tool_does_no_work_on_the_joints() -> None:
+    """Its torque is across the angular velocity: the powers of the joints add up to zero."""
+    reading = read(Recorded(seconds=6.0, effort_noise=0.0).joints())
+    effort, effect = reading.recorded.effort, effect_named("flywheel")
+    assert effort is not None
+    assert effect is not None
+    acting = acting_on_efforts(effect)
+    assert acting is not None
+    torque = acting.simulate(reading.recorded, {"momentum_x": 0.3, "momentum_y": -0.2, "momentum_z": 0.5})
+    power = torque * effort.velocity
+    assert np.abs(power).max() > 0.01
+    assert np.abs(power.sum(axis=1)).max() < 0.01 * np.abs(power).max()
+    assert on_efforts(effect, reading.recorded).signal == "effort"
 
 
 def test_what_stays_unexplained_in_one_joint_does_not_count_against_the_friction_of_others() -> None:

@@ -22,7 +22,6 @@ from poise.mismatch.effects.joint_friction import (
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-
 _SLOW = 0.5
 """Share of the largest speed below which stiction acts."""
 

@@ -161,7 +161,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             implausible(problem.recorded, [part])
             or immaterial(problem.recorded, part, proof)
             or proof.lacking
-            or _faint(part.effect, proof, strongest)
+            or faint(part.effect, proof, strongest)
             or cancelled
             for part, proof, cancelled in zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
         ]
@@ -198,7 +198,7 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
-def _faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
+def faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event

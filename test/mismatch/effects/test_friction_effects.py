@@ -177,6 +177,30 @@ def test_a_ripple_stands_in_the_joints_position():
     np.testing.assert_allclose(found[:, 1], 2.0 * np.sin(24.0 * at.effort.position[:, 1] + phase), atol=1e-12)
 
 
+@pytest.mark.parametrize("waves", [1.2, 1.4, 2.6, 7.0])
+def test_a_ripple_is_looked_for_from_one_wave_in_the_range(waves):
+    """A bend that a cubic explains is no wave."""
+    at = effort_world()
+    effect, position = effect_named("gear_ripple"), at.effort.position[:, 1]
+    order = 2.0 * np.pi * waves / np.ptp(position)
+    residual = np.random.default_rng(3).normal(size=at.effort.measured.shape) * 0.3
+    residual[:, 1] += effect.simulate(at, {"joint": 2.0, "order": order, "sine": 1.0, "cosine": -2.0})[:, 1]
+    first = next(iter(effect.starts(at, residual)))
+    assert first["joint"] == 2.0
+    # Within a step of the grid of starting points, and within the resolution of the range.
+    assert first["order"] == pytest.approx(order, abs=0.45 * 2.0 * np.pi / np.ptp(position))
+
+
+def test_stiction_does_not_act_over_the_whole_range_of_speeds():
+    at = effort_world()
+    effect, fastest = effect_named("stribeck_friction"), np.abs(at.effort.velocity).max()
+    sizes = {f"torque_{i}": 1.0 for i in JOINTS} | {f"stiction_{i}": 1.0 for i in JOINTS}
+    values = [filled(effect, at, sizes | {"transition": 0.01, "velocity": share * fastest}) for share in (0.1, 0.7)]
+    said = [effect.implausible(at, each) for each in values]
+    assert not said[0]
+    assert "of speeds" in said[1] or "stiction would reach" in said[1]
+
+
 def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
     """Inverse dynamics of the motion with the play in it, but for what is of second order in the gap."""
     at = effort_world()
