@@ -1,5 +1,6 @@
 """The nodes as the loop uses them: clients of their actions and services, and what they publish."""
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -129,7 +130,7 @@ class NodesRobot:
 
         Args:
             condition: asked again and again.
-            seconds: that it may take.
+            seconds: that it may take, of the nodes' time and of the machine's: the clock goes on while a node computes.
             what: is waited for, in words.
             node: the one that works at it.
             heed: end when the loop is to end, and look after the processes.
@@ -138,12 +139,12 @@ class NodesRobot:
             NodeEndedError: that node has ended.
             NoAnswerError: DEADLINE; CANCELLED when the loop is to end; as `check`.
         """
-        until = node_seconds() + seconds
+        until, until_on_machine = node_seconds() + seconds, time.monotonic() + seconds
         while not (value := condition()):
             if heed and self._stopped():
                 raise NoAnswerError(ErrorCode.CANCELLED, f"the loop was stopped while it waited for {what}")
             now = node_seconds()
-            if now > until:
+            if now > until and time.monotonic() > until_on_machine:
                 raise NoAnswerError(ErrorCode.DEADLINE, f"there was no {what} within {seconds:.0f} s")
             if now > self._looked + _LOOK:
                 self._looked = now
@@ -197,6 +198,10 @@ class NodesRobot:
             self._cancel(future, name)
             raise
         status, result = answer.result().status, answer.result().result
+        if result.error.code == ErrorCode.INTERNAL:
+            # The watchdog of a node that was killed answers for it, before its process is seen to have ended.
+            seen = time.monotonic() + 3.0 * _LOOK
+            self.wait(lambda: time.monotonic() > seen, _ACCEPTED, f"end of {node}", node)
         if result.error.code != ErrorCode.OK:
             raise NoAnswerError(ErrorCode(result.error.code), f"{name}: {result.error.message}")
         if status != GoalStatus.STATUS_SUCCEEDED:  # a result that its node did not fill in has the code OK, too

@@ -1,5 +1,6 @@
 """The nodes as the loop uses them, without ROS: what is not fresh, not filled in or not known is not taken for good."""
 
+import time
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -12,6 +13,7 @@ from poise.fake_robots import loop_job
 from poise.nodes import loop_robot
 from poise.nodes.loop_bag import LoopBag
 from poise.nodes.loop_robot import NodesRobot
+from poise.nodes.loop_sequence import NodeEndedError
 from poise_msgs.action import CarryObject, PickObject
 
 VALUES = {"world": "", "shapes": "scan", "ready_timeout": 60.0, "planning": 1.0, "riding": [], "speed": 0.5}
@@ -88,3 +90,33 @@ def test_a_parameter_file_without_the_loop_is_refused(tmp_path) -> None:
     with pytest.raises(InputError, match="no parameters of the node loop") as error:
         loop_job._values(job, config, tmp_path)
     assert error.value.code is ErrorCode.BAD_INPUT
+
+
+def test_a_node_that_was_killed_has_ended_although_its_watchdog_still_answers(
+    robot: NodesRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loop_robot, "_LOOK", 0.02)
+    said = PickObject.Result()
+    said.error.code = int(ErrorCode.INTERNAL)
+    handle, sent, answer = MagicMock(accepted=True), MagicMock(), MagicMock()
+    sent.result.return_value, handle.get_result_async.return_value = handle, answer
+    answer.result.return_value = SimpleNamespace(status=6, result=said)
+    robot._clients["pick_object"].send_goal_async.return_value = sent
+    robot._check = lambda: ["object_picker"]
+    with pytest.raises(NodeEndedError):
+        robot._do("pick_object")
+    robot._check = lambda: []
+    with pytest.raises(NoAnswerError) as error:
+        robot._do("pick_object")
+    assert error.value.code is ErrorCode.INTERNAL
+
+
+def test_a_node_that_computes_has_the_time_of_the_machine_too(
+    robot: NodesRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A simulated clock that runs ahead while a node plans does not end the wait for its answer."""
+    begun = time.monotonic()
+    monkeypatch.setattr(loop_robot, "node_seconds", lambda: 1000.0 * (time.monotonic() - begun))
+    robot.wait(lambda: time.monotonic() > begun + 0.2, 0.5, "an answer")
+    with pytest.raises(NoAnswerError, match="within 0 s"):
+        robot.wait(lambda: False, 0.1, "an answer")
