@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from poise.mismatch.answer.named import NamedEffect
 from poise.mismatch.answer.residual_test import ResidualTest
+from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import (
     Dependence,
     DependenceCurve,
@@ -14,7 +15,7 @@ from poise.mismatch.inference import (
     state_description,
 )
 
-_LEAST_NAMED = 0.5
+_LEAST_NAMED = 0.45
 """Probability below which an effect is not named: all other causes together are likelier."""
 
 
@@ -29,7 +30,12 @@ class UnknownPhysics:
 
 def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The effects of an answer that other causes explain too often to be named."""
-    return [each for each in named if each.belief.probability < _LEAST_NAMED]
+    return [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
+
+
+def _unknown_as_likely(each: NamedEffect) -> bool:
+    """Whether a cause outside the library is as likely as a name."""
+    return any(effect_named(name) is None and chance >= each.belief.probability for name, chance in each.belief.rivals)
 
 
 def likelihoods(effect: NamedEffect) -> str:
