@@ -23,6 +23,8 @@ _FEW, _SMALL = 12, 20
 """Up to so many directions in the level plane, or of so many bodies, are all followed from rest until they collapse."""
 _COARSE = np.pi / 4 - 1e-6
 """rad between the directions that are followed from rest first, at least."""
+_MENDED = 3
+"""Times that all limits are looked through for those below what convexity says."""
 _LEVEL = 1e-12
 
 
@@ -58,6 +60,7 @@ class ElasticLimits:
     _patches: PlaneCurve = field(default_factory=PlaneCurve)
     _states: dict[float, ElasticFactor] = field(default_factory=dict)
     _cuts: list[Array] = field(default_factory=list)
+    _whole: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.limits = np.zeros(len(self.directions))
@@ -100,8 +103,9 @@ class ElasticLimits:
             for k in between if close else [middle % count]:
                 self._note(int(rows[k]), azimuths[k], self._beside(int(rows[k]), azimuths[k], close))
             arcs += [] if close else [(begin, middle), (middle, end)]
-        for k in range(count):
-            self._mend(int(rows[k]), azimuths[k])
+        for _ in range(_MENDED):
+            if not any([self._mend(int(rows[k]), azimuths[k]) for k in range(count)]):
+                break
 
     def _is_close(self, row: int, azimuth: float) -> bool:
         chord = self._elastic.chord(azimuth)
@@ -131,18 +135,25 @@ class ElasticLimits:
         self.from_rest += 1
         load = self._load(row)
         if not (np.isfinite(enough) or self.deadline.passed):
+            self._whole.add(row)
             self._cuts.append(self.block.solvers.limit.inverse_factor(load).twist)
         enough = min(enough, (1 - _NEARLY) * self._upper(row))
         return self.block.solvers.coulomb.factor(load, float(self.most[row]), self.deadline, enough)
 
-    def _mend(self, row: int, azimuth: float) -> None:
-        """Ask again where less was found than convexity says: the way from rest had ended early."""
+    def _mend(self, row: int, azimuth: float) -> bool:
+        """Ask again where less was found than convexity says: a way had ended early. Whether more was found."""
         chord, found = self._elastic.chord(azimuth), self._states.get(azimuth)
-        if chord is None or found is None or found.value >= (1 - _CLOSE) * chord.reach or self.deadline.passed:
-            return
+        if chord is None or found is None or self.deadline.passed:
+            return False
+        if found.value >= (1 - _CLOSE) * min(chord.reach, float(self.most[row])):
+            return False
         better = self._between(row, chord, np.inf)
-        if better is not None and better.value > found.value:
-            self._note(row, azimuth, better)
+        if better is None and row not in self._whole:
+            better = self._from_rest(row, np.inf)
+        if better is None or not better.known or better.value <= found.value:
+            return False
+        self._note(row, azimuth, better)
+        return True
 
     def _note(self, row: int, azimuth: float | None, found: ElasticFactor) -> None:
         """Keep what elastic contacts hold in a direction, as far as patches hold it, too."""
