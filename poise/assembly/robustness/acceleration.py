@@ -99,7 +99,7 @@ def acceleration_limits(
     clock = Deadline.after(deadline)
     asked = _directions(directions)
     vectors("position", [axis], 2, "axis: ")
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=clock)
     stands = not analysis.require_stable(clock).doubtful
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
     wanted = np.arange(len(all_directions)) < len(asked) + 6

@@ -104,7 +104,7 @@ class ElasticLimits:
                 self._note(int(rows[k]), azimuths[k], self._beside(int(rows[k]), azimuths[k], close))
             arcs += [] if close else [(begin, middle), (middle, end)]
         for _ in range(_MENDED):
-            if not any([self._mend(int(rows[k]), azimuths[k]) for k in range(count)]):
+            if not sum(self._mend(int(rows[k]), azimuths[k]) for k in range(count)):
                 break
 
     def _is_close(self, row: int, azimuth: float) -> bool:
