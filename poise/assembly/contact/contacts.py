@@ -14,7 +14,7 @@ from poise.assembly.contact.touching import FACE_ANGLE, NO_TRIANGLES
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import unit
-from poise.types import Array
+from poise.types import Array, Indices
 
 _Kept = TypeVar("_Kept")
 CONTACT_MARGIN = 1.5e-3
@@ -102,8 +102,8 @@ def find_interfaces(
         if number >= _SOON and late():
             raise NoAnswerError(
                 ErrorCode.DEADLINE,
-                f"the time was over after {number} of {len(pairs)} pairs of near objects had been searched for contacts "
-                f"({len(bodies)} objects); give a longer deadline, or the part of the scene that is asked about",
+                f"the time was over after {number} of {len(pairs)} pairs of near objects had been searched for "
+                f"contacts ({len(bodies)} objects); give a longer deadline, or the part of the scene that matters",
                 pairs=number,
                 of=len(pairs),
             )
@@ -121,15 +121,18 @@ def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
     """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
     bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
     fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
-    pairs: list[list[int]] = []
-    for begin in range(0, len(bodies), _ROWS):  # a scene of 10,000 objects in one piece would take a gigabyte
-        low, high = bounds[begin : begin + _ROWS, 0, None], bounds[begin : begin + _ROWS, 1, None]
-        near = np.all((low <= bounds[:, 1] + margin) & (bounds[:, 0] <= high + margin), axis=2)
-        near &= ~(fixed[begin : begin + _ROWS, None] & fixed)
-        near = np.triu(near, begin + 1)
-        first, second = np.nonzero(near)
-        pairs += np.column_stack([first + begin, second]).tolist()
-    return pairs
+    order = np.argsort(bounds[:, 0, 0], kind="stable")  # swept along x: what begins behind the end of some is not near
+    low, high, fixed = bounds[order, 0], bounds[order, 1] + margin, fixed[order]
+    pairs: list[Indices] = []
+    for begin in range(0, len(bodies), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        columns = slice(begin, int(np.searchsorted(low[:, 0], high[rows, 0].max(), side="right")))
+        near = np.all((low[rows, None] <= high[columns]) & (low[columns] <= high[rows, None]), axis=2)
+        near &= ~(fixed[rows, None] & fixed[columns])
+        pairs.append(np.argwhere(np.triu(near, 1)) + begin)
+    found = np.sort(order[np.concatenate(pairs)], axis=1) if pairs else np.zeros((0, 2), dtype=np.int64)
+    sorted_pairs: list[list[int]] = found[np.lexsort(found.T[::-1])].tolist()
+    return sorted_pairs
 
 
 def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None:

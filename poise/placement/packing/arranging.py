@@ -258,13 +258,13 @@ def _meeting(cover: Cover, low: Array, high: Array) -> tuple[Array, Array, np.nd
     return corners, np.prod(last - first, axis=1), m
 
 
-Draw = tuple[list[RigidObject], Rule]
+RuledOrder = tuple[list[RigidObject], Rule]
 """An order of objects, and the rule by which they are placed."""
 
 
 def drawn_orders(
-    items: Sequence[RigidObject], count: int, rng: np.random.Generator, best: Callable[[], Draw | None]
-) -> Iterator[Draw]:
+    items: Sequence[RigidObject], count: int, rng: np.random.Generator, best: Callable[[], RuledOrder | None]
+) -> Iterator[RuledOrder]:
     """Orders of objects, and rules: the usual ones first, then random ones near these, then changes of the best.
 
     Args:
@@ -297,7 +297,7 @@ def drawn_orders(
         yield [items[k] for k in np.argsort(-keys, kind="stable")], rule
 
 
-def _changed(order: Sequence[RigidObject], rule: Rule, rng: np.random.Generator) -> Draw:
+def _changed(order: Sequence[RigidObject], rule: Rule, rng: np.random.Generator) -> RuledOrder:
     """An order in which one or two objects have moved; sometimes another rule instead."""
     if rng.random() < _OTHER_RULE:
         return list(order), _drawn_rule(rng)
