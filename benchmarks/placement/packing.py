@@ -133,6 +133,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one tote of each world, four objects, development seeds")
     parser.add_argument("--develop", action="store_true", help="development seeds")
+    parser.add_argument("--first", type=int, help="first seed, instead of the final ones'")
     parser.add_argument("--totes", type=int, default=25, help="of each world")
     parser.add_argument("--whole", action="store_true", help=f"as many for {RIVALS[1]} (else {MINIMISED})")
     parser.add_argument("--world", action="append", choices=WORLDS, help="again for both")
@@ -141,6 +142,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks/packing.json"))
     arguments = parser.parse_args()
     first = DEVELOPMENT if arguments.develop or arguments.quick else FINAL
+    first = first if arguments.first is None else arguments.first
     totes, count = (1, 4) if arguments.quick else (arguments.totes, 12)
     worlds, packers = arguments.world or WORLDS, arguments.packer or PACKERS
     jobs = [

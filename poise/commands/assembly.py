@@ -18,7 +18,7 @@ from poise.assembly.robustness import (
     UncertainAssessment,
     carried,
 )
-from poise.assembly.statics import unstable
+from poise.assembly.statics import Deadline, unstable
 from poise.commands.assembly_pictures import (
     RerunOption,
     ScenePictureOption,
@@ -101,7 +101,7 @@ def robustness(
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
     settled = open_settled(scene, pose_std)
-    analysis = Analysis.of(settled.assembly)
+    analysis = Analysis.of(settled.assembly, deadline=Deadline.after(deadline))
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
         _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
@@ -147,7 +147,7 @@ def msa(
     """
     refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
-    analysis, others = loaded(open_scene(scene, pose_std), load, model, load_pose)
+    analysis, others = loaded(open_scene(scene, pose_std, deadline), load, model, load_pose)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline, turning)
     cautious, cautious_doubtful = least_limits(found, others, deadline)
@@ -213,7 +213,7 @@ def disassemble(
     Example:  poise disassemble scene.yaml
     """
     refuse_folder(json_target, "--json")
-    analysis = open_scene(scene, pose_std)
+    analysis = open_scene(scene, pose_std, deadline)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
     content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}

@@ -160,7 +160,7 @@ def place(
     refuse_folder(json_target, "--json")
     up_axes: UpAxes = {}
     items = [read_spec(spec, number, up_axes=up_axes) for number, spec in enumerate(specs)]
-    analysis = open_scene(scene)
+    analysis = open_scene(scene, deadline=deadline)
     looks = looks_of(analysis, keep_free, upright, axes, up_axes)
     packing = PackingOptions(into, height, PackingOptions.gap if gap is None else gap)
     uncertainty = Uncertainty() if robust else None

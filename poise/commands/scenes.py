@@ -9,6 +9,7 @@ import typer
 from poise.assembly import Analysis, Assembly, Settled, settle
 from poise.assembly.robustness import rolling_findings
 from poise.assembly.scene import scene_findings, with_pose_covariance
+from poise.assembly.statics import Deadline
 from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
 from poise.errors import ErrorCode
@@ -24,13 +25,15 @@ SceneArgument = Annotated[
 ]
 
 
-def open_scene(path: Path, pose_std: str | None = None) -> Analysis:
-    """The analysis of the scene in a file, settled if its poses are uncertain.
+def open_scene(path: Path, pose_std: str | None = None, deadline: float | None = None) -> Analysis:
+    """The analysis of the scene in a file, settled if its poses are uncertain; `deadline`: s to find its contacts.
 
     Raises:
         InputError: as `open_settled`.
+        NoAnswerError: DEADLINE.
     """
-    return Analysis.of(open_settled(path, pose_std).assembly)
+    assembly = open_settled(path, pose_std).assembly
+    return Analysis.of(assembly, deadline=Deadline.after(deadline))
 
 
 def open_settled(path: Path, pose_std: str | None = None) -> Settled:

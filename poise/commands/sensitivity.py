@@ -45,7 +45,7 @@ def sensitivity(
     Example:  poise sensitivity scene.yaml --queries pushes.json --force 3 --friction-deviation 0.05
     """
     refuse_folder(json_target, "--json")
-    analysis = open_scene(scene)
+    analysis = open_scene(scene, deadline=deadline)
     pushes = read_pushes(queries)
     single = [push for push in pushes if isinstance(push, Push)]
     if len(single) < len(pushes):

@@ -176,7 +176,7 @@ def plan_placement(
     """
     start = time.monotonic()
     require_new(_objects(assembly), item)
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=options.deadline_from(start))
     analysis.require_stable(options.deadline_from(start))
     rng = np.random.default_rng(seed)
     features = ContactFeatures.of(item.shape, item.com)

@@ -82,7 +82,7 @@ def plan_sequence(
     """
     start = time.monotonic()
     ids = require_distinct(items)
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=options.deadline_from(start))
     analysis.require_stable(options.deadline_from(start))
     rng = np.random.default_rng(seed)
     orders_found: list[list[Placement]] = []

@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import FLOOR, G, box, on_floor
 
 from poise.assembly import Analysis, Assembly, RigidObject, acceleration_limits
-from poise.assembly.robustness.acceleration import _inertial_loads
+from poise.assembly.robustness.elastic_limits import inertial_loads
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 
@@ -57,7 +57,7 @@ def test_the_closed_cone_of_single_interfaces_is_what_limit_analysis_solves(scen
     found = acceleration_limits(analysis, directions, turning=False)
     for direction, limit in zip(found.directions, found.limits, strict=True):
         inverses = [
-            block.solvers.limit.inverse_factor(_inertial_loads(block) @ direction).value for block in analysis.blocks
+            block.solvers.limit.inverse_factor(inertial_loads(block) @ direction).value for block in analysis.blocks
         ]
         solved = 1 / max(inverses) if max(inverses) > 1e-5 else np.inf
         assert limit == pytest.approx(solved, rel=1e-5)
@@ -68,7 +68,7 @@ def test_a_block_with_cycles_is_limited_by_limit_analysis_and_holds_nearly_as_mu
     block = analysis.blocks[0]
     found = acceleration_limits(analysis, 24, turning=False)
     for direction, limit in zip(found.directions, found.limits, strict=True):
-        solved = 1 / block.solvers.limit.inverse_factor(_inertial_loads(block) @ direction).value
+        solved = 1 / block.solvers.limit.inverse_factor(inertial_loads(block) @ direction).value
         assert limit <= solved * (1 + 1e-3)
         assert limit >= solved * 0.95  # patches may turn earlier
 
@@ -83,7 +83,7 @@ def test_every_acceleration_in_the_polytope_is_sustained(scene):
     accelerations = directions * (0.999 * np.minimum(reach, 500))[:, None]
     for acceleration in accelerations:
         for block in analysis.blocks:
-            assert block.solvers.limit.inverse_factor(_inertial_loads(block) @ acceleration).value <= 1 + 1e-6
+            assert block.solvers.limit.inverse_factor(inertial_loads(block) @ acceleration).value <= 1 + 1e-6
     # And it is not much smaller than what is sustained: every horizontal limit lies on it.
     for direction, limit in zip(found.directions, found.limits, strict=True):
         assert (found.offsets / np.maximum(found.normals @ direction, 1e-12)).min() == pytest.approx(limit, rel=1e-3)

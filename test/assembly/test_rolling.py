@@ -10,6 +10,7 @@ from assembly_scenes import G
 from rolling_scenes import R
 from scipy.spatial.transform import Rotation
 
+from benchmarks import growth
 from poise.assembly import (
     Analysis,
     Assembly,
@@ -23,7 +24,7 @@ from poise.assembly import (
 )
 from poise.assembly.robustness import rolling_findings
 from poise.assembly.scene import ROLLING
-from poise.assembly.statics import Deadline, rolling
+from poise.assembly.statics import ROLLING_TOGETHER, Deadline, rolling
 from poise.assembly.statics.rolling import _null_space as null_space
 from poise.geometry import Pose
 
@@ -246,3 +247,27 @@ def test_a_map_of_a_ball_agrees_with_single_pushes():
     single = np.array([each.robustness for each in assess(analysis, pushes).results])
     assert np.all(found.lower[picked] <= single * (1 + 1e-6))
     assert np.all(single <= found.upper[picked] * (1 + 1e-6))
+
+
+def many_beside_a_board_on_rollers(count):
+    """Bricks of a wall that all touch, and beside them a board on two rollers that touches the wall's end."""
+    wall = growth.wall(count)
+    end = max(item.vertices[:, 0].max() for item in wall.objects if not item.fixed)
+    axis = scenes.turned((1, 0, 0), 90)
+    rollers = [
+        scenes.cylinder(f"roller{k}", 0.05, 0.1, (end + x, 0, 0.05), quaternion=axis) for k, x in enumerate((0.1, 0.4))
+    ]
+    board = scenes.box("board", (0.5, 0.1, 0.1), (end + 0.25, 0, 0.15))
+    return Assembly((*wall.objects, *rollers, board), scenes.GRAVITY, 0.5)
+
+
+@pytest.mark.parametrize("count", [10, 44])
+def test_what_rolls_together_is_found_in_large_groups_too_and_what_was_not_asked_is_said(count):
+    analysis = Analysis.of(many_beside_a_board_on_rollers(count))
+    assert max(block.geometry.count for block in analysis.blocks) == count + 3
+    assert analysis.stability().stable
+    assert {name for found in rolling(analysis) for name in found.objects} == {"roller0", "roller1", "board"}
+    sentences = [finding.sentence for finding in rolling_findings(analysis)]
+    unasked = [sentence for sentence in sentences if "not looked for" in sentence]
+    assert len(unasked) == int(count + 3 > ROLLING_TOGETHER)
+    assert any("may roll" in sentence for sentence in sentences)

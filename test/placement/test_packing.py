@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.placement import packing as benchmark
 from benchmarks.placement import totes
+from benchmarks.placement.heightmaps import RIVALS, pack_on_heightmap
 from benchmarks.placement.scenes import box
 from poise.assembly import Analysis, Mesh, RigidObject
 from poise.assembly.scene.scene_files import read_object
@@ -21,6 +22,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose, rotation_about
 from poise.placement import CancelledError, Options, PackingOptions, Upright, plan_placement, plan_sequence
 from poise.placement.packing import Packing, find_container, pack, turns, turns_of
+from poise.placement.packing.arranging import Rule, drawn_orders
 from poise.worlds import save_scene
 
 TOUCHING = PackingOptions(gap=0.0)
@@ -346,3 +348,28 @@ def test_what_cannot_be_packed_is_said(command, more, status, says):
     assert found == status
     assert says in " ".join(printed.split())
     assert ("refused" in answer) == (status == 3)
+
+
+def test_the_first_order_is_deepest_bottom_left_fill_itself():
+    """Boxes as wide as cells of its heightmap, without gaps: the same places as the rival's."""
+    sizes = [(0.12, 0.1, 0.08), (0.1, 0.08, 0.06), (0.08, 0.06, 0.06), (0.06, 0.06, 0.04)]
+    items, inside = boxes(*sizes), (0.3, 0.2, 0.25)
+    room = find_container(totes.tote(inside), None, None)
+    rival = pack_on_heightmap(RIVALS[0], room, items)
+    found = in_tote(inside, items, orders=1)
+    heights = [float(item.vertices[:, 2].max()) - room.floor for item in rival]
+    assert found.top <= max(heights) + 1e-6
+    order = [placement.item.id for placement in found.placements]
+    assert order == [item.id for item in rival]
+
+
+def test_the_last_orders_are_changes_of_the_best():
+    items, rng = totes.objects("boxes", 5, 6), np.random.default_rng(0)
+    best = list(reversed(items)), Rule(1.0, 0.5)
+    drawn = list(drawn_orders(items, 20, rng, lambda: best))
+    assert len(drawn) == 20
+    assert all(sorted(item.id for item in order) == sorted(item.id for item in items) for order, _ in drawn)
+    last = [order for order, _ in drawn[-6:]]
+    moved = [sum(a.id != b.id for a, b in zip(order, best[0], strict=True)) for order in last]
+    assert min(moved) < 6
+    assert all(rule == best[1] or order == best[0] for order, rule in drawn[-6:])

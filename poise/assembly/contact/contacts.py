@@ -12,13 +12,15 @@ from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, 
 from poise.assembly.contact.round_touch import joint_touch, mesh_touch, resting_normal, widened
 from poise.assembly.contact.touching import FACE_ANGLE, NO_TRIANGLES
 from poise.assembly.scene import Assembly
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import unit
-from poise.types import Array
+from poise.types import Array, Indices
 
 _Kept = TypeVar("_Kept")
 CONTACT_MARGIN = 1.5e-3
 """Gaps and overlaps up to this, in m, count as touching: what a scan leaves between bodies that touch."""
+_ROWS, _SOON = 500, 100
+"""Objects whose bounds are compared with those of all others at once, and pairs searched for contacts in any case."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,10 @@ class Interface:
 
 
 def find_interfaces(
-    assembly: Assembly, margin: float = CONTACT_MARGIN, only: frozenset[str] | None = None
+    assembly: Assembly,
+    margin: float = CONTACT_MARGIN,
+    only: frozenset[str] | None = None,
+    late: Callable[[], bool] = lambda: False,
 ) -> list[Interface]:
     """Find where objects touch. Pairs of fixed objects are left out.
 
@@ -81,16 +86,27 @@ def find_interfaces(
         assembly: the objects.
         margin: gaps and overlaps up to this count as touching, m.
         only: look at pairs with one of these ids alone.
+        late: whether time is up; asked before each pair but the first ones.
 
     Raises:
         InputError: INTERPENETRATION, naming the two objects and the depth.
+        NoAnswerError: DEADLINE.
     """
     bodies = [placed(item) for item in assembly.objects]
     wanted = None if only is None else np.array([item.id in only for item in assembly.objects])
     interfaces: list[Interface] = []
-    for i, j in _pairs_near(bodies, margin):
+    pairs = _pairs_near(bodies, margin)
+    for number, (i, j) in enumerate(pairs):
         if wanted is not None and not (wanted[i] or wanted[j]):
             continue
+        if number >= _SOON and late():
+            raise NoAnswerError(
+                ErrorCode.DEADLINE,
+                f"the time was over after {number} of {len(pairs)} pairs of near objects had been searched for "
+                f"contacts ({len(bodies)} objects); give a longer deadline, or the part of the scene that matters",
+                pairs=number,
+                of=len(pairs),
+            )
         first, second = bodies[i], bodies[j]
         _check_overlap(first, second, margin)
         names = first.item.id, second.item.id
@@ -103,12 +119,20 @@ def find_interfaces(
 
 def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
     """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
-    bounds = np.array([body.bounds for body in bodies])
-    fixed = np.array([body.item.fixed for body in bodies])
-    apart = np.any(bounds[:, None, 0] > bounds[None, :, 1] + margin, axis=2)
-    near = ~(apart | apart.T) & ~(fixed[:, None] & fixed[None])
-    pairs: list[list[int]] = np.argwhere(np.triu(near, 1)).tolist()
-    return pairs
+    bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
+    fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
+    order = np.argsort(bounds[:, 0, 0], kind="stable")  # swept along x: what begins behind the end of some is not near
+    low, high, fixed = bounds[order, 0], bounds[order, 1] + margin, fixed[order]
+    pairs: list[Indices] = []
+    for begin in range(0, len(bodies), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        columns = slice(begin, int(np.searchsorted(low[:, 0], high[rows, 0].max(), side="right")))
+        near = np.all((low[rows, None] <= high[columns]) & (low[columns] <= high[rows, None]), axis=2)
+        near &= ~(fixed[rows, None] & fixed[columns])
+        pairs.append(np.argwhere(np.triu(near, 1)) + begin)
+    found = np.sort(order[np.concatenate(pairs)], axis=1) if pairs else np.zeros((0, 2), dtype=np.int64)
+    sorted_pairs: list[list[int]] = found[np.lexsort(found.T[::-1])].tolist()
+    return sorted_pairs
 
 
 def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None:

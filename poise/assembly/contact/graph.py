@@ -1,6 +1,6 @@
 """The contact interface graph: which bodies hold which, cut into blocks that can be solved one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -47,13 +47,16 @@ class Structure:
     margin: float = CONTACT_MARGIN
 
     @classmethod
-    def of(cls, assembly: Assembly, margin: float = CONTACT_MARGIN) -> "Structure":
-        """Find the contacts of an assembly.
+    def of(
+        cls, assembly: Assembly, margin: float = CONTACT_MARGIN, late: Callable[[], bool] = lambda: False
+    ) -> "Structure":
+        """Find the contacts of an assembly; `late`: whether time is up.
 
         Raises:
             InputError: INTERPENETRATION; FLOATING for objects that touch nothing that leads to a fixed body.
+            NoAnswerError: DEADLINE.
         """
-        structure = cls(assembly, tuple(find_interfaces(assembly, margin)), margin)
+        structure = cls(assembly, tuple(find_interfaces(assembly, margin, late=late)), margin)
         structure._check_connected()
         return structure
 

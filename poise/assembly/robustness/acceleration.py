@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from poise.assembly.robustness.block_answers import patch_factor
+from poise.assembly.robustness.elastic_limits import ElasticLimits, inertial_loads
 from poise.assembly.robustness.gravity_cone import GravityCone
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
-from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads, Mechanism
+from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
 from poise.ranges import directions_of, vectors
@@ -99,7 +99,7 @@ def acceleration_limits(
     clock = Deadline.after(deadline)
     asked = _directions(directions)
     vectors("position", [axis], 2, "axis: ")
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=clock)
     stands = not analysis.require_stable(clock).doubtful
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
     wanted = np.arange(len(all_directions)) < len(asked) + 6
@@ -171,48 +171,13 @@ def _block_limits(
         names = tuple(objects[place].id for place in members)
         return limits, lambda _: lambda: names, known, True
     # Slow: the directions around are left out of the polytope.
-    limits, known, falls = _followed(block, directions, most * wanted, deadline)
+    found = ElasticLimits(block, inertial_loads(block), directions, most * wanted, deadline).solve()
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
-        mechanism = falls.get(row)
+        mechanism = found.falls.get(row)
         return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.velocities)
 
-    return limits, movers, known, bool(known.all())
-
-
-def _inertial_loads(block: BlockAnalysis) -> Array:
-    """(6 n, 3) loads on a block, in its units, per m/s2 of acceleration of the base along x, y and z."""
-    objects = block.structure.assembly.objects
-    loads = np.zeros((3, len(block.block.members), 6))
-    for body, members in enumerate(block.block.members):
-        for place in members:
-            force = -objects[place].mass * np.eye(3)
-            moment = np.cross(objects[place].com_in_world, force)
-            loads[:, body] += block.geometry.units.of_wrench(np.concatenate([force, moment], axis=1))
-    return loads.reshape(3, -1).T
-
-
-def _followed(
-    block: BlockAnalysis, directions: Array, most: Array, deadline: Deadline
-) -> tuple[Array, Mask, dict[int, Mechanism]]:
-    """Limits (D,) of what elastic contacts and patches hold, for which that is known (D,), and what moves by row.
-
-    The forces of elastic contacts are within their friction cones, so that limit analysis holds as much. No more than
-    `most` (D,) is asked.
-    """
-    loads, coulomb = _inertial_loads(block), block.solvers.coulomb
-    limits, known = np.zeros(len(directions)), np.ones(len(directions), dtype=bool)
-    falls: dict[int, Mechanism] = {}
-    for row in np.flatnonzero(most > 0).tolist():
-        load = loads @ directions[row]
-        found = coulomb.factor(load, float(most[row]), deadline)
-        limits[row], known[row] = found.value, found.known
-        if found.twist is not None:
-            falls[row] = Mechanism.elastic(block, found.twist)
-        patch = patch_factor(block, load, found)
-        if patch is not None and patch.upper * limits[row] > 1:
-            limits[row], falls[row] = 1 / patch.upper, Mechanism(block, patch.twist)
-    return limits, known, falls
+    return found.limits, movers, found.known, bool(found.known.all())
 
 
 def _polytope(points: Array) -> tuple[Array, Array]:

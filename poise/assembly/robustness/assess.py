@@ -151,11 +151,11 @@ def assess(
     """
     clock = Deadline.after(deadline)
     solve = ROBUSTNESS_MODELS.find(model or DEFAULT_MODEL).solve
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=clock)
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
     limit_loads = LimitLoads.start(loads.count)
-    if all(block.solvers.balance.margin > 0 for block in analysis.blocks):
+    if not any(block.solvers.balance.margin <= 0 for block in analysis.blocks if not clock.passed):
         limit_loads = solve(analysis, loads, clock)
     found = analysis.stability(clock)
     coupled = coupled_questions(analysis, loads)

@@ -58,7 +58,7 @@ def plan_disassembly(
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     clock = Deadline.after(deadline)
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=clock)
     analysis.require_stable(clock)
     if target is not None:
         analysis.assembly.place_of(target)

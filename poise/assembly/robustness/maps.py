@@ -100,7 +100,7 @@ def robustness_map(
         raise InputError(ErrorCode.BAD_INPUT, f"surface is {surface!r:.80}: give a number of points, or SurfacePoints")
     check_range("map_tolerance", tolerance)
     _check_request(name, surface if isinstance(surface, int) else len(surface.points))
-    analysis = Analysis.of(assembly)
+    analysis = Analysis.of(assembly, deadline=clock)
     stands = not analysis.require_stable(clock).doubtful
     if isinstance(surface, int):
         surface = sample_surface(analysis.structure, surface)

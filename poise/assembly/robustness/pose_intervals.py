@@ -75,7 +75,7 @@ def assess_settled(
         InputError, NoAnswerError: as `assess`.
     """
     clock = Deadline.after(deadline)
-    analysis = analysis or Analysis.of(scene.assembly)
+    analysis = analysis or Analysis.of(scene.assembly, deadline=clock)
     at_settled = assess(analysis, carried(pushes, scene.seen, scene.assembly), model, deadline)
     ends = [(result.lower, result.upper) for result in at_settled.results]
     if not (scene.moves or _varies(scene.assembly)) or not at_settled.stable:
@@ -103,7 +103,7 @@ def _assessed(
 ) -> Assessment | None:
     """Answers about a sample; None where it overlaps too much, no solver answered, or time ran out."""
     try:
-        found = assess(Analysis.of(sample), carried(pushes, scene.seen, sample), model, clock.remaining)
+        found = assess(Analysis.of(sample, deadline=clock), carried(pushes, scene.seen, sample), model, clock.remaining)
     except PoiseError:
         return None
     return None if found.doubtful else found

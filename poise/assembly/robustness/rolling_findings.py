@@ -3,7 +3,15 @@
 import numpy as np
 
 from poise.assembly.scene import SceneFinding
-from poise.assembly.statics import NO_DEADLINE, Analysis, Deadline, Rolling, rolling
+from poise.assembly.statics import (
+    NO_DEADLINE,
+    ROLLING_TOGETHER,
+    Analysis,
+    Deadline,
+    Rolling,
+    rolling,
+    too_many_to_roll,
+)
 
 _NAMED = 4
 
@@ -16,7 +24,17 @@ def rolling_findings(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> tu
         deadline: what is found until then is said.
     """
     found = rolling(analysis, deadline, only_known=True)
-    return tuple(SceneFinding(_sentence(each), _evidence(each)) for each in found)
+    return (
+        *(SceneFinding(_sentence(each), _evidence(each)) for each in found),
+        *(SceneFinding(_unasked(count), {"bodies": float(count)}) for count in too_many_to_roll(analysis)),
+    )
+
+
+def _unasked(count: int) -> str:
+    return (
+        f"{count} bodies lean on each other, some of them on round sides: up to {ROLLING_TOGETHER} neighbours were "
+        "asked together, and what rolls only if more of them move was not looked for"
+    )
 
 
 def _sentence(found: Rolling) -> str:

@@ -72,8 +72,9 @@ def sensitivity(assembly: Assembly | Analysis, push: Push, deadline: float | Non
         InputError: as `assess`.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
-    analysis = Analysis.of(assembly)
-    analysis.require_stable(Deadline.after(deadline))
+    clock = Deadline.after(deadline)
+    analysis = Analysis.of(assembly, deadline=clock)
+    analysis.require_stable(clock)
     checked = assess(analysis, [push], deadline=deadline).results[0]
     loads = loads_of(analysis.assembly, [push], analysis.structure.margin)
     weakest: tuple[BlockAnalysis, InverseLoadFactor] | None = None

@@ -24,12 +24,13 @@ from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor
 from poise.assembly.statics.pushes import Loads, Push, loads_of
-from poise.assembly.statics.rolling import Rolling, rolling
+from poise.assembly.statics.rolling import ROLLING_TOGETHER, Rolling, rolling, too_many_to_roll
 from poise.assembly.statics.single_patch import hull_edges
 
 __all__ = [
     "FACTOR_TOLERANCE",
     "NO_DEADLINE",
+    "ROLLING_TOGETHER",
     "UNLIMITED",
     "Analysis",
     "BlockAnalysis",
@@ -53,5 +54,6 @@ __all__ = [
     "polygon_rows",
     "rolling",
     "same_object",
+    "too_many_to_roll",
     "unstable",
 ]

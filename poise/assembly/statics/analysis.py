@@ -189,15 +189,23 @@ class Analysis:
     _shared: Mapping[BlockKey, BlockSolvers] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, assembly: "Assembly | Structure | Analysis", margin: float = CONTACT_MARGIN) -> "Analysis":
+    def of(
+        cls,
+        assembly: "Assembly | Structure | Analysis",
+        margin: float = CONTACT_MARGIN,
+        deadline: Deadline = NO_DEADLINE,
+    ) -> "Analysis":
         """Prepare an assembly; an `Analysis` is returned unchanged.
 
         Raises:
             InputError: INTERPENETRATION or FLOATING.
+            NoAnswerError: DEADLINE, when it passes before all contacts are found.
         """
         if isinstance(assembly, Analysis):
             return assembly
-        return cls(assembly if isinstance(assembly, Structure) else Structure.of(assembly, margin))
+        if isinstance(assembly, Structure):
+            return cls(assembly)
+        return cls(Structure.of(assembly, margin, lambda: deadline.passed))
 
     def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Analysis":
         """The analysis with objects added, or moved, and friction changed: only the blocks these change are new.

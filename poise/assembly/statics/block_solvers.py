@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.statics.coulomb import CoulombBlock, ElasticState
@@ -18,6 +20,9 @@ from poise.types import Array
 
 _FEW, _ROUGH = 8, 1e-6
 """Bodies up to which limit analysis is solved to the solver's tolerance; what it is solved to otherwise."""
+
+_STEPS, _PER_SECOND = 20, 8e9
+"""Steps that such a program takes, and multiplications in a second in which each factors its system."""
 
 BlockKey = tuple[object, ...]
 """Equal for blocks that are the same problem: the same objects held in the same places, with the same friction."""
@@ -117,12 +122,15 @@ class BlockSolvers:
             How safely, and whether elastic contacts were checked where necessary, before the deadline.
         """
         if self.geometry.statically_determinate:
-            return self.balance, True
+            return (self.balance, True) if self._balances_in(deadline) else (self._unknown, False)
         if self._standing is None:
             state = self.coulomb.settle(self.geometry.gravity.ravel(), self.start, deadline)
             if not state.known:
-                return self.balance, self.balance.margin < 0
+                known = self._balances_in(deadline) and self.balance.margin < 0
+                return (self.balance, True) if known else (self._unknown, False)
             self.coulomb.rest = state
+            if state.stands and not self._in_time(deadline):
+                return self._unknown, False
             if state.stands:
                 self._standing = self._by_itself()
             elif self.balance.margin < 0:
@@ -130,6 +138,23 @@ class BlockSolvers:
             else:
                 self._standing = Standing(-state.unbalanced, state.displacement)
         return self._standing, True
+
+    @property
+    def _unknown(self) -> Standing:
+        """In place of an answer for which there was no time."""
+        return Standing(0.0, np.zeros(6 * self.geometry.count))
+
+    def _balances_in(self, deadline: Deadline) -> bool:
+        """Whether it is known how safely the block stands if contact forces may be any, or there is time for that."""
+        return "balance" in self.__dict__ or self._in_time(deadline)
+
+    def _in_time(self, deadline: Deadline) -> bool:
+        """Whether there is time for a program that says how safely the block stands: it cannot be interrupted.
+
+        Of a few bodies it takes less than a millisecond, for which there always is.
+        """
+        left = deadline.remaining
+        return left is None or self._few or left > _STEPS * self.order.work / _PER_SECOND
 
     def _by_itself(self) -> Standing:
         """How safely a block stands without what only touches: that could not be pressed less, and does not help."""

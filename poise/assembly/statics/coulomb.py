@@ -4,6 +4,7 @@ Limit analysis asks whether contact forces in balance exist. Between two walls t
 nothing presses the walls to the cube. Here normal forces arise only where bodies are pushed into each other.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +36,8 @@ _LITTLE, _AGAIN = 1e-4, 2
 """The least damping, and after so many whole steps in a row it is reduced."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
+_NEAR_STEPS, _NEARER = 15, 0.5
+"""Newton steps to an equilibrium from a state that may be near; where it is not, from this share of the way to it."""
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -187,10 +190,46 @@ class CoulombBlock:
             path = follow(reach, rest.displacement, self._glued(load), load, most, weight, tolerance)
         best = path.best
         if best.factor >= most:
-            return ElasticFactor(most, True, None, best.displacement)
+            return ElasticFactor(min(best.factor, above), True, None, best.displacement)
         if not path.ended and deadline.passed:
             return ElasticFactor(best.factor, False)
         return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement)
+
+    def beside(
+        self,
+        load: Array,
+        starts: Sequence[Array],
+        least: float,
+        most: float,
+        enough: float,
+        deadline: Deadline = NO_DEADLINE,
+    ) -> ElasticFactor | None:
+        """As `factor`, followed from an equilibrium near a displacement (6 n,), such as between those of other loads.
+
+        Where there is none, from one that is nearer to rest.
+
+        Returns:
+            None where none was found, or less than the `least` factor.
+        """
+        rest, weight = self.rest.displacement, float(np.linalg.norm(self.geometry.gravity))
+
+        def reach(start: Array, steps: int) -> PathPoint | None:
+            return None if deadline.passed else self._reach(load, start, steps, deadline)
+
+        for share, start in [*((1.0, start) for start in starts), (_NEARER, starts[0])]:
+            begin = reach(rest + share * (start - rest), _NEAR_STEPS)
+            if begin is None or not begin.held or load @ (begin.displacement - rest) <= 0:
+                continue
+            response = self._response(begin.displacement, load)
+            path = follow(reach, rest, response, load, min(most, enough), weight, FACTOR_TOLERANCE, begin)
+            best = path.best
+            if best.factor >= least and (path.ended or best.factor >= enough):
+                return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), best.displacement)
+        return None
+
+    def motion(self, displacement: Array, load: Array) -> Array:
+        """(6 n,) the motion that a small load (6 n,) causes at a displacement (6 n,): near collapse, the mechanism."""
+        return self._response(displacement, load)
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""

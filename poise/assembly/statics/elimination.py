@@ -64,6 +64,12 @@ class Elimination:
         arrays = {"sides": self.sides, "starts": self.starts, "rows": self.rows, "place": self.place}
         return CompiledBodies(len(self.position), **arrays)
 
+    @property
+    def work(self) -> float:
+        """Multiplications that one factorisation takes, of systems with six unknowns for each body."""
+        below = np.diff(self.starts) + 1
+        return float(6**3 * (below * (below + 1)).sum())
+
     @cached_property
     def entries(self) -> Indices:
         """(6 n,) where each entry of vectors (6 n,) in the order of elimination is among those of the bodies."""

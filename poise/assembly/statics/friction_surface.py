@@ -54,9 +54,13 @@ class FrictionSurface:
 
     def dissipation(self, velocity: Array, turning: Array) -> Array:
         """(D,) mean sliding speed for velocities (D, 2) of the centroid and turning rates (D,)."""
-        u = velocity[:, 0, None] - turning[:, None] * self.points[:, 1]
-        v = velocity[:, 1, None] + turning[:, None] * self.points[:, 0]
-        return np.asarray(np.sqrt(u * u + v * v) @ self.weights)
+        # |v + w x r|^2 = |v|^2 + 2 w (v x r) + w^2 |r|^2: one product of matrices, and no other array of its size.
+        square = np.sum(velocity**2, axis=1)
+        motions = np.stack([square, 2 * turning * velocity[:, 1], -2 * turning * velocity[:, 0], turning**2], axis=1)
+        x, y = self.points.T
+        speeds = motions @ np.stack([np.ones_like(x), x, y, x * x + y * y])
+        np.sqrt(np.maximum(speeds, 0.0, out=speeds), out=speeds)
+        return np.asarray(speeds @ self.weights)
 
     @cached_property
     def _motions(self) -> Array:

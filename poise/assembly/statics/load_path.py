@@ -75,27 +75,35 @@ def follow(
     above: float,
     weight: float,
     tolerance: float,
+    begin: PathPoint | None = None,
 ) -> LoadPath:
     """Follow a block from rest until the factor of a load grows no more, or is `above`.
 
     Args:
         reach: finds equilibria.
         rest: (6 n,) displacement without the load.
-        response: (6 n,) change of it under a small load, per factor.
+        response: (6 n,) change of it, or of the beginning, under a small load, per factor.
         load: (6 n,).
         above: no more than this is asked.
         weight: size of the load at rest.
         tolerance: it collapses where the factor grows by less than this share over a doubling of the way.
+        begin: an equilibrium to begin at; None: at rest.
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
     slope, way, done, ahead = response / compliance, compliance * first, 0.0, _AFTER_FEW
-    guess, points, shorter = rest + way * slope, [PathPoint(rest, 0.0)], 0
+    guess, points, shorter, longest = rest + way * slope, [PathPoint(rest, 0.0)], 0, np.inf
+    if begin is not None:
+        points, done = [points[0], begin], float(load @ (begin.displacement - rest))
+        ahead, way = _AFTER_MANY, _AFTER_MANY * done
+        guess = begin.displacement + (way - done) * slope
+        if begin.factor >= above or flat_at(begin, done, tolerance):
+            return LoadPath(points, begin.displacement, True)
     for _ in range(_STEPS):
         careful = done > 0 and ahead > _SURE
         here, last = reach(guess, _MANY + 1 if careful else _MOST), points[-1]
         if here is None or (careful and here.steps > _MANY):
-            ahead = float(np.sqrt(ahead))
+            ahead = longest = float(np.sqrt(ahead))
             if ahead < _LEAST_GROWTH:
                 return LoadPath(points, last.displacement, False)
             way = done * ahead if done else way / 4
@@ -108,12 +116,17 @@ def follow(
             guess = rest + way * slope
             continue
         points.append(here)
-        flat = tolerance * here.factor
-        collapsed = done and here.factor - last.factor <= flat * np.log2(way / done)
-        if here.factor >= above or collapsed or (here.compliance and way / here.compliance <= flat):
+        collapsed = done and here.factor - last.factor <= tolerance * here.factor * np.log2(way / done)
+        if here.factor >= above or collapsed or flat_at(here, way, tolerance):
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
-        ahead = _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY
+        longest = longest if here.steps > _MANY else longest**2
+        ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
     return LoadPath(points, points[-1].displacement, True)
+
+
+def flat_at(here: PathPoint, way: float, tolerance: float) -> bool:
+    """Whether the factor would grow by less than a share, the tolerance, over as long a way as that so far."""
+    return bool(here.compliance) and way / here.compliance <= tolerance * here.factor

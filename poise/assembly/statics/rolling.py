@@ -17,8 +17,9 @@ _FREE = 1e-7
 """Singular values, rates and motions below this, in the block's units, are 0."""
 _MOVES = 1e-3
 """Share of the fastest body's motion below which another does not move."""
-_MANY = 40
-"""Bodies of a block beyond which each is asked alone: what rolls together only is not found then."""
+ROLLING_TOGETHER = 40
+"""Bodies of a block that are asked together. In larger blocks these are the nearest ones to each round side: what rolls
+only if more bodies move is not found."""
 _NEUTRAL = 0.05
 """Of the radius: within it the centre of mass is as high as the centre of curvature, as far as facets say."""
 
@@ -83,11 +84,11 @@ def _moved_bodies(block: BlockAnalysis, deadline: Deadline) -> Iterator[set[int]
         pressed = block.solvers.coulomb.pressed_at_rest
     motions, seen = geometry.grasp.T.tocsr(), set[int]()
     sides = list(_round_sides(block, geometry, pressed))
-    everything = np.arange(geometry.count)
-    together = geometry.count <= _MANY
-    for asked in [everything] if together else everything[:, None]:
+    together = geometry.count <= ROLLING_TOGETHER
+    near = _nearest(geometry.supports, geometry.count, {body for side in sides for body in side.bodies})
+    for asked in [np.arange(geometry.count)] if together else near:
         rolls = sides if together else [side for side in sides if int(asked[0]) in side.bodies]
-        if not rolls:
+        if not rolls or (not together and int(asked[0]) in seen):
             continue
         if deadline.passed:
             return
@@ -108,6 +109,31 @@ def _moved_bodies(block: BlockAnalysis, deadline: Deadline) -> Iterator[set[int]
                     moved = set(asked[speeds > _MOVES * speeds.max()].tolist())
                     seen |= moved
                     yield moved
+
+
+def _nearest(supports: Indices, count: int, bodies: set[int]) -> Iterator[Indices]:
+    """For each of some bodies: itself, and the nearest ones to it along contacts, as many as are asked together."""
+    touching: list[list[int]] = [[] for _ in range(count)]
+    for first, second in supports.tolist():
+        if FIXED_NODE not in (first, second):
+            touching[first].append(second)
+            touching[second].append(first)
+    for body in sorted(bodies):
+        found = [body]
+        for each in found:
+            found += [other for other in dict.fromkeys(touching[each]) if other not in found]
+            if len(found) >= ROLLING_TOGETHER:
+                break
+        yield np.array(found[:ROLLING_TOGETHER])
+
+
+def too_many_to_roll(analysis: Analysis) -> tuple[int, ...]:
+    """Bodies of each block with round sides that is too large for all of it to be asked together."""
+    return tuple(
+        block.geometry.count
+        for block in analysis.blocks
+        if len(block.block.members) > ROLLING_TOGETHER and any(i.touch is not None for i in block.interfaces)
+    )
 
 
 def _places(each: int, numbers: Indices) -> Indices:

@@ -40,9 +40,10 @@ def first_that_stays(
         CancelledError: CANCELLED.
     """
     start = time.monotonic()
-    analysis = Analysis.of(assembly)
+    clock = options.deadline_from(start)
+    analysis = Analysis.of(assembly, deadline=clock)
     require_new(analysis.assembly.objects, item)
-    analysis.require_stable()
+    analysis.require_stable(clock)
     wanted = (
         (("rests on nothing that moves", rests_on_object), *options.tests) if options.on == "objects" else options.tests
     )

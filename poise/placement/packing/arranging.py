@@ -27,6 +27,10 @@ _SPREAD = 0.4
 """Of the logarithm of the sizes by which objects are ordered at random."""
 _BOTTOM, _GAPS = (0.0, 0.5, 1.0, 2.0), (0.0, 0.0, 0.05)
 """Weights of rules that are drawn."""
+_CHANGES = 0.3
+"""Share of the orders that are changes of the best before them; they come last."""
+_OTHER_RULE = 0.3
+"""Share of the changes of an arrangement that change its rule."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,18 @@ class Rule:
         top, bottom: 1/m, of its top and of its bottom.
         corner: 1/m, of its distance from one corner, along both sides.
         gaps: of the part of its base that nothing carries.
+        across: 1/m, of its distance along the second side alone; what is left equal by that lies flat.
     """
 
     top: float
     bottom: float
     corner: float = 1e-3
     gaps: float = 0.0
+    across: float = 0.0
+
+
+DEEPEST = Rule(1e-10, 1.0, 1e-7, 0.0, 1e-4)
+"""Deepest-bottom-left-fill: the lowest bottom, then the least distance along the second side, then along the first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +219,7 @@ class Packer:
         bottom = corners[:, 2] - container.floor
         away = np.sum(corners[:, :2] - container.low, axis=1)
         scores = rule.top * (bottom + turned.size[2]) + rule.bottom * bottom + rule.corner * away
+        scores += rule.across * (corners[:, 1] - container.low[1])
         if rule.gaps:
             best = np.argsort(scores, kind="stable")[:_SHORT_LIST]
             carried = np.array([np.sum(_meeting(turned.cover.moved(c), low, high)[1]) for c in corners[best]])
@@ -247,19 +258,56 @@ def _meeting(cover: Cover, low: Array, high: Array) -> tuple[Array, Array, np.nd
     return corners, np.prod(last - first, axis=1), m
 
 
+RuledOrder = tuple[list[RigidObject], Rule]
+"""An order of objects, and the rule by which they are placed."""
+
+
 def drawn_orders(
-    items: Sequence[RigidObject], count: int, rng: np.random.Generator
-) -> Iterator[tuple[list[RigidObject], Rule]]:
-    """Orders of objects, and rules: the usual ones first, then random ones near these."""
+    items: Sequence[RigidObject], count: int, rng: np.random.Generator, best: Callable[[], RuledOrder | None]
+) -> Iterator[RuledOrder]:
+    """Orders of objects, and rules: the usual ones first, then random ones near these, then changes of the best.
+
+    Args:
+        items: to be ordered.
+        count: of orders.
+        rng: for what is random.
+        best: the draw with the lowest load so far, and None without one.
+    """
     sides = np.array([np.sort(np.ptp(item.shape.polyhedron.vertices, axis=0)) for item in items])
     volume, least, face, longest = sides.prod(axis=1), sides[:, 0], sides[:, 1] * sides[:, 2], sides[:, 2]
-    deepest, lowest = Rule(0.0, 1.0), Rule(1.0, 0.5)
-    usual = [(volume, deepest), (volume, lowest), (least, lowest), (face, lowest), (longest, lowest)]
+    lowest = Rule(1.0, 0.5)
+    usual = [
+        (volume, DEEPEST),
+        (volume, Rule(0.0, 1.0)),
+        (volume, lowest),
+        (least, lowest),
+        (face, lowest),
+        (longest, lowest),
+    ]
     for number in range(count):
+        known = best()
         if number < len(usual):
             keys, rule = usual[number]
+        elif known is not None and number >= (1 - _CHANGES) * count:
+            yield _changed(*known, rng)
+            continue
         else:
             keys = usual[int(rng.integers(len(usual)))][0] * np.exp(rng.normal(0.0, _SPREAD, len(items)))
-            bottom, gaps = float(rng.choice(_BOTTOM)), float(rng.choice(_GAPS))
-            rule = Rule(1.0, bottom, 10 ** rng.uniform(-3, -1), gaps)
+            rule = _drawn_rule(rng)
         yield [items[k] for k in np.argsort(-keys, kind="stable")], rule
+
+
+def _changed(order: Sequence[RigidObject], rule: Rule, rng: np.random.Generator) -> RuledOrder:
+    """An order in which one or two objects have moved; sometimes another rule instead."""
+    if rng.random() < _OTHER_RULE:
+        return list(order), _drawn_rule(rng)
+    changed = list(order)
+    for _ in range(int(rng.integers(1, 3))):
+        item = changed.pop(int(rng.integers(len(changed))))
+        changed.insert(int(rng.integers(len(changed) + 1)), item)
+    return changed, rule
+
+
+def _drawn_rule(rng: np.random.Generator) -> Rule:
+    bottom, gaps = float(rng.choice(_BOTTOM)), float(rng.choice(_GAPS))
+    return Rule(1.0, bottom, 10 ** rng.uniform(-3, -1), gaps)

@@ -121,7 +121,8 @@ def pack(
     """
     start = time.monotonic()
     require_distinct(items)
-    analysis = Analysis.of(assembly)
+    seconds = SECONDS if options.deadline is None else options.deadline
+    analysis = Analysis.of(assembly, deadline=Deadline(start + seconds))
     for item in items:
         require_new(analysis.assembly.objects, item)
     job = _Job(analysis, items, options, start, progress)
@@ -214,7 +215,7 @@ class _Job:
         flattest = [min(float(turned.size[2]) for turned in turns) for turns in self._turns.values()]
         lowest = self._container.floor + max(flattest)  # no load with all objects is lower
         try:
-            for order, rule in drawn_orders(self._items, count, rng):
+            for order, rule in drawn_orders(self._items, count, rng, lambda: found[0][1:] if found else None):
                 self._report(None)
                 worst = found[0][0][1] if found and not found[0][0][0] else np.inf
                 arrangement = packer.arrange(order, rule, worst)

@@ -1,0 +1,225 @@
+"""Acceleration limits of a block whose contact forces have a choice: elastic contacts confirm each direction.
+
+What contact forces within friction cones hold is a convex set of accelerations. Elastic contacts hold a part of it that
+is convex, too, as far as measured (benchmarks/level_limits.py). So few directions around the level plane are followed
+from rest; the others begin at states between those of their neighbours, which is often one equilibrium at collapse.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poise.assembly.robustness.block_answers import patch_factor
+from poise.assembly.robustness.plane_curve import Chord, PlaneCurve
+from poise.assembly.statics import BlockAnalysis, Deadline, ElasticFactor, InverseLoadFactor, Mechanism
+from poise.types import Array, Indices, Mask
+
+_NEARLY, _CLOSE = 0.02, 0.01
+"""Limits this near to what limit analysis holds are near enough; or this near to what convexity holds, where ..."""
+_GAP = 0.03
+"""... convexity leaves no more room than this above it."""
+_FEW, _SMALL = 12, 20
+"""Up to so many directions in the level plane, or of so many bodies, are all followed from rest until they collapse."""
+_COARSE = np.pi / 4 - 1e-6
+"""rad between the directions that are followed from rest first, at least."""
+_MENDED = 3
+"""Times that all limits are looked through for those below what convexity says."""
+_LEVEL = 1e-12
+
+
+@dataclass(eq=False)
+class ElasticLimits:
+    """Limits of one block in some directions, m/s2.
+
+    Args:
+        block: in which contact forces have a choice.
+        loads: (6 n, 3) on it, in its units, per m/s2 along x, y and z.
+        directions: (D, 3) unit vectors.
+        most: (D,) no more than this is asked.
+        deadline: for all.
+        patches: whether limits are lowered to what patches hold.
+        limits: (D,) what elastic contacts and patches hold; the forces of elastic contacts are within their friction
+            cones, so that limit analysis holds as much.
+        known: (D,) for which that was found in time; otherwise less may have been found than is held.
+        falls: what moves, by row.
+        from_rest: directions that were followed from rest.
+    """
+
+    block: BlockAnalysis
+    loads: Array
+    directions: Array
+    most: Array
+    deadline: Deadline
+    patches: bool = True
+    limits: Array = field(init=False)
+    known: Mask = field(init=False)
+    falls: dict[int, Mechanism] = field(default_factory=dict)
+    from_rest: int = 0
+    _elastic: PlaneCurve = field(default_factory=PlaneCurve)
+    _patches: PlaneCurve = field(default_factory=PlaneCurve)
+    _states: dict[float, ElasticFactor] = field(default_factory=dict)
+    _cuts: list[Array] = field(default_factory=list)
+    _whole: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.limits = np.zeros(len(self.directions))
+        self.known = np.ones(len(self.directions), dtype=bool)
+
+    def solve(self) -> "ElasticLimits":
+        """Fill in the limits."""
+        same, first = _alike(self.directions, np.flatnonzero(self.most > 0))
+        level = np.abs(self.directions[first, 2]) <= _LEVEL
+        azimuths = np.arctan2(*self.directions[first[level], 1::-1].T) % (2 * np.pi)
+        rows = first[level][np.argsort(azimuths)]
+        around = len(rows) > _FEW and self.block.geometry.count > _SMALL
+        for row in (first[~level] if around else first).tolist():
+            self.from_rest += 1
+            self._note(
+                row, None, self.block.solvers.coulomb.factor(self._load(row), float(self.most[row]), self.deadline)
+            )
+        if around:
+            self._solve_around(rows, np.sort(azimuths).tolist())
+        for row, other in same.items():
+            self.limits[row], self.known[row] = self.limits[other], self.known[other]
+            if other in self.falls:
+                self.falls[row] = self.falls[other]
+        return self
+
+    def _solve_around(self, rows: Indices, azimuths: Sequence[float]) -> None:
+        """The limits in many directions of the level plane, ascending by azimuth."""
+        count = len(rows)
+        coarse = list(_far_apart(azimuths))
+        for k in coarse:
+            self._note(int(rows[k]), azimuths[k], self._from_rest(int(rows[k]), np.inf))
+        arcs = [(k, after) for k, after in zip(coarse, [*coarse[1:], coarse[0] + count], strict=True)]
+        while arcs:
+            begin, end = arcs.pop(0)
+            between = [k % count for k in range(begin + 1, end)]
+            if not between:
+                continue
+            close = all(self._is_close(int(rows[k]), azimuths[k]) for k in between)
+            middle = (begin + end) // 2
+            for k in between if close else [middle % count]:
+                self._note(int(rows[k]), azimuths[k], self._beside(int(rows[k]), azimuths[k], close))
+            arcs += [] if close else [(begin, middle), (middle, end)]
+        for _ in range(_MENDED):
+            if not sum(self._mend(int(rows[k]), azimuths[k]) for k in range(count)):
+                break
+
+    def _is_close(self, row: int, azimuth: float) -> bool:
+        chord = self._elastic.chord(azimuth)
+        return chord is not None and min(self._elastic.beyond(azimuth), self._upper(row)) <= (1 + _GAP) * chord.reach
+
+    def _beside(self, row: int, azimuth: float, close: bool) -> ElasticFactor:
+        """What elastic contacts hold in a direction between known ones; if `close`, what convexity allows is enough."""
+        chord = self._elastic.chord(azimuth)
+        enough = (1 - _CLOSE) * chord.reach if chord is not None and close else np.inf
+        found = None if chord is None else self._between(row, chord, enough)
+        return self._from_rest(row, enough) if found is None else found
+
+    def _between(self, row: int, chord: Chord, enough: float) -> ElasticFactor | None:
+        """Followed from an equilibrium near those of both neighbours; None: none holds as much as convexity says."""
+        first, second = (self._states[azimuth].displacement for azimuth in chord.azimuths)
+        if first is None or second is None:
+            return None
+        nearest = second if chord.weights[1] > chord.weights[0] else first
+        starts = chord.weights[0] * first + chord.weights[1] * second, nearest
+        load, most = self._load(row), float(self.most[row])
+        least = (1 - _CLOSE) * min(chord.reach, most)
+        enough = min(enough, (1 - _NEARLY) * self._upper(row))
+        return self.block.solvers.coulomb.beside(load, starts, least, most, enough, self.deadline)
+
+    def _from_rest(self, row: int, enough: float) -> ElasticFactor:
+        """Up to where elastic contacts, followed from rest, hold; `enough`, or nearly what limit analysis holds, is."""
+        self.from_rest += 1
+        load = self._load(row)
+        if not (np.isfinite(enough) or self.deadline.passed):
+            self._whole.add(row)
+            self._cuts.append(self.block.solvers.limit.inverse_factor(load).twist)
+        enough = min(enough, (1 - _NEARLY) * self._upper(row))
+        return self.block.solvers.coulomb.factor(load, float(self.most[row]), self.deadline, enough)
+
+    def _mend(self, row: int, azimuth: float) -> bool:
+        """Ask again where less was found than convexity says: a way had ended early. Whether more was found."""
+        chord, found = self._elastic.chord(azimuth), self._states.get(azimuth)
+        if chord is None or found is None or self.deadline.passed:
+            return False
+        if found.value >= (1 - _CLOSE) * min(chord.reach, float(self.most[row])):
+            return False
+        better = self._between(row, chord, np.inf)
+        if better is None and row not in self._whole:
+            better = self._from_rest(row, np.inf)
+        if better is None or not better.known or better.value <= found.value:
+            return False
+        self._note(row, azimuth, better)
+        return True
+
+    def _note(self, row: int, azimuth: float | None, found: ElasticFactor) -> None:
+        """Keep what elastic contacts hold in a direction, as far as patches hold it, too."""
+        load = self._load(row)
+        self.limits[row], self.known[row] = found.value, found.known
+        self.falls.pop(row, None)
+        if azimuth is not None and found.known:
+            self._elastic.add(azimuth, found.value)
+            self._states[azimuth] = found
+        twist = found.twist
+        if twist is None and found.displacement is not None and found.value < self.most[row]:
+            twist = self.block.solvers.coulomb.motion(found.displacement, load)
+        if twist is not None:
+            self.falls[row] = Mechanism.elastic(self.block, twist)
+        if not self.patches or (azimuth is not None and self._patches_hold(azimuth, found.value)):
+            return
+        patch = patch_factor(self.block, load, found)
+        if patch is None:
+            return
+        self._keep_patch(azimuth, patch)
+        if patch.upper * found.value > 1:
+            self.limits[row], self.falls[row] = 1 / patch.upper, Mechanism(self.block, patch.twist)
+
+    def _patches_hold(self, azimuth: float, wanted: float) -> bool:
+        """Whether patches hold as much as is wanted, as what they hold in other directions shows."""
+        chord = self._patches.chord(azimuth)
+        return chord is not None and chord.reach >= wanted
+
+    def _keep_patch(self, azimuth: float | None, patch: InverseLoadFactor) -> None:
+        if azimuth is not None and patch.upper > 0 and np.isfinite(patch.upper):
+            self._patches.add(azimuth, 1 / patch.upper)
+
+    def _load(self, row: int) -> Array:
+        return np.asarray(self.loads @ self.directions[row])
+
+    def _upper(self, row: int) -> float:
+        """What limit analysis holds at most, as far as the mechanisms found show."""
+        load = self._load(row)
+        inverse = max((float(cut @ load) for cut in self._cuts), default=0.0)
+        return min(float(self.most[row]), 1 / inverse if inverse > 0 else np.inf)
+
+
+def inertial_loads(block: BlockAnalysis) -> Array:
+    """(6 n, 3) loads on a block, in its units, per m/s2 of acceleration of the base along x, y and z."""
+    objects = block.structure.assembly.objects
+    loads = np.zeros((3, len(block.block.members), 6))
+    for body, members in enumerate(block.block.members):
+        for place in members:
+            force = -objects[place].mass * np.eye(3)
+            moment = np.cross(objects[place].com_in_world, force)
+            loads[:, body] += block.geometry.units.of_wrench(np.concatenate([force, moment], axis=1))
+    return loads.reshape(3, -1).T
+
+
+def _far_apart(azimuths: Sequence[float]) -> Iterator[int]:
+    """Of ascending azimuths the first, and each that is far from the one before."""
+    last = -np.inf
+    for k, azimuth in enumerate(azimuths):
+        if azimuth - last >= _COARSE and (k == 0 or azimuths[0] + 2 * np.pi - azimuth >= _COARSE):
+            last = azimuth
+            yield k
+
+
+def _alike(directions: Array, rows: Indices) -> tuple[dict[int, int], Indices]:
+    """Rows whose direction an earlier row has, with that row; and the rows that are left."""
+    _, first, number = np.unique(np.round(directions[rows], 9) + 0.0, axis=0, return_index=True, return_inverse=True)
+    of = rows[first[number.ravel()]].tolist()
+    same = {row: other for row, other in zip(rows.tolist(), of, strict=True) if row != other}
+    return same, np.sort(rows[first])
