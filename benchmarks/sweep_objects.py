@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from manifold3d import Manifold, Mesh
@@ -188,7 +189,9 @@ def _worse(seen: Rendering, at: Array, glossy: Array, bias: float, rng: np.rando
     shape = seen.depth.shape
     far = np.where(seen.depth > 0, seen.depth, np.inf)
     wide = gaussian_filter(rng.normal(size=shape), 12.0) > 0
-    depth = np.where(wide, minimum_filter(far, 5), minimum_filter(far, 3))
+    near = np.where(wide, minimum_filter(far, 5), minimum_filter(far, 3))
+    with np.errstate(invalid="ignore"):  # of nothing beside nothing
+        depth = np.where(far - near > D435.edge, near, far)
     blurred = replace(seen, depth=np.where(np.isfinite(depth), depth, 0.0))
     scale = VGA.fx * D435.baseline
     smooth = gaussian_filter(rng.normal(size=shape), 2.5)
@@ -203,12 +206,18 @@ def _worse(seen: Rendering, at: Array, glossy: Array, bias: float, rng: np.rando
     return measured(replace(blurred, depth=(1 + bias) * off), VGA.fx, replace(D435, flying=0.4), rng, blind)
 
 
+@cache
+def _poses(frames: int) -> tuple[Array, Array]:
+    """(V, 3, 3) and (V, 3) m: the camera's, on an xArm7."""
+    sweep = FakeSweep(Scene((), middle=_SPOT), frames=frames)
+    model = RobotModel.from_file("xarm7", "link_eef")
+    return arm_sweep(sweep, model, 0.0, np.random.default_rng(0))[:2]
+
+
 def swept(made: Thing, seed: int, frames: int, cameras: tuple[str, ...]) -> dict[str, list[View]]:
     """What an xArm7 sees with each camera; the poses are exact, and the images of both show the same."""
-    body = Body(made.corners, made.colours)
-    sweep = FakeSweep(Scene((body,), middle=_SPOT), frames=frames)
-    model = RobotModel.from_file("xarm7", "link_eef")
-    rotation, translation, _ = arm_sweep(sweep, model, 0.0, np.random.default_rng(0))
+    scene = Scene((Body(made.corners, made.colours),), middle=_SPOT)
+    rotation, translation = _poses(frames)
     world = np.random.default_rng([seed, 19])
     bias = float(world.uniform(0.005, 0.01) * world.choice([-1, 1]))
     glossy = made.glossy if world.random() < 0.5 else made.glossy[:0]
@@ -216,7 +225,7 @@ def swept(made: Thing, seed: int, frames: int, cameras: tuple[str, ...]) -> dict
     views: dict[str, list[View]] = {camera: [] for camera in cameras}
     rays = np.concatenate([np.moveaxis(VGA.rays, 0, -1), np.ones((VGA.height, VGA.width, 1))], axis=-1)
     for number, (turn, place) in enumerate(zip(rotation, translation, strict=True)):
-        seen = render(sweep.scene, VGA, turn, place)
+        seen = render(scene, VGA, turn, place)
         for camera in cameras:
             if camera == "d435":
                 steps = measured(seen, VGA.fx, D435, draws[camera])
