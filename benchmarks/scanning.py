@@ -1,6 +1,7 @@
 """Sweeps of a simulated depth camera around workshop tools, made into clouds: time, accuracy, volume; and a picture.
 
 python -m benchmarks.scanning [--tools NAME...] [--frames N] [--repeats N] [--picture PNG]
+python -m benchmarks.scanning --random N [--first SEED] [--cameras NAME...] [--frames N] [--keep FOLDER]
 """
 
 import argparse
@@ -16,7 +17,9 @@ from rich.table import Table
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from benchmarks.random_sweeps import report
 from benchmarks.segmentation_truth import sample
+from benchmarks.sweep_objects import CAMERAS
 from poise.errors import PoiseError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.fake_robots.sweep_bag import FakeSweep, arm_sweep, fake_views
@@ -127,7 +130,15 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=127)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--picture", type=Path, help="draw the first tool")
+    parser.add_argument("--random", type=int, help="so many random things instead (benchmarks/sweep_objects.py)")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first of them")
+    parser.add_argument("--cameras", nargs="+", default=CAMERAS, choices=CAMERAS)
+    parser.add_argument("--keep", type=Path, help="folder in which their images are kept for the next time")
     options = parser.parse_args()
+    if options.random is not None:
+        seeds = range(options.first, options.first + options.random)
+        report(seeds, tuple(options.cameras), options.frames, options.keep, console)
+        return
     table = Table(title=f"{options.frames} frames of 640 x 480, D435 noise")
     for heading in (
         "tool", "s (worst)", "CPU s", "seen off, mm (95 %)", "completed off, mm", "completed", "volume / true",

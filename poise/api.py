@@ -1,6 +1,7 @@
 """The short interface of `import poise`: one function per job; each takes paths or objects that are already loaded."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,8 @@ def segment(cloud: Source | Array, colours: Array | None = None) -> Segmentation
     if isinstance(cloud, str | Path):
         found, mesh = read_surface(Path(cloud))
         how = SegmentationOptions(noise=None if mesh is None else 0.0)
-        return _segment(found.points, found.colours, how, normals=found.normals, seen=found.seen)
+        cut = partial(_segment, normals=found.normals, seen=found.seen, doubt=found.doubt)
+        return cut(found.points, found.colours, how)
     return _segment(cloud, colours)
 
 

@@ -1,6 +1,7 @@
 """`poise segment`: the parts of an object, from a cloud of points on its surface."""
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -82,7 +83,8 @@ def segment(
         start = time.perf_counter()
         read, mesh = read_surface(cloud, scale)
         how = segmentation_options(parts, 0.0 if mesh is not None else noise)
-        found = segment_cloud(read.points, shades(colour, read.colours), how, normals=read.normals, seen=read.seen)
+        cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt)
+        found = cut(read.points, shades(colour, read.colours), how)
         seconds = time.perf_counter() - start
     for note in (*read.notes, *found.notes):
         warn(note)

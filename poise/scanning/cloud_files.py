@@ -3,19 +3,21 @@
 import numpy as np
 
 from poise.scanning.scan import Scan
+from poise.shape import HIDDEN_OFF
 
 _ATTRIBUTES = (
     *(("double", axis) for axis in "xyz"), *(("float", f"n{axis}") for axis in "xyz"),
-    *(("uchar", name) for name in ("red", "green", "blue", "seen")),
+    *(("uchar", name) for name in ("red", "green", "blue", "seen")), ("float", "doubt"),
 )  # fmt: skip
 _TYPES = {"double": "<f8", "float": "<f4", "uchar": "u1"}
 
 
 def scan_ply(found: Scan) -> bytes:
-    """Binary PLY, m in the robot's base; `seen` is 0 where a point was completed."""
+    """Binary PLY, m in the robot's base; `seen` is 0 where a point was completed, `doubt` one sigma of its place."""
     rows = np.zeros(len(found.points), [(name, _TYPES[kind]) for kind, name in _ATTRIBUTES])
     shades = np.full_like(found.points, 0.7) if found.colours is None else found.colours
     columns = [*found.points.T, *found.normals.T, *np.round(255 * np.clip(shades, 0, 1)).T, found.seen]
+    columns.append(np.where(found.seen, 0.0, HIDDEN_OFF) if found.doubt is None else found.doubt)
     for (_, name), column in zip(_ATTRIBUTES, columns, strict=True):
         rows[name] = column
     lines = ["ply", "format binary_little_endian 1.0", "comment metres, in the robot's base frame"]

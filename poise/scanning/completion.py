@@ -30,6 +30,11 @@ _THIN = 2.0
 """Cells over the table below which every seen point of a top gets its own below it."""
 _UNDERSIDE = -0.7
 """Normal's z below which a face looks at the table."""
+_STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
+"""m, one sigma of a bottom around which the surface was seen down to the table, and of anything else; and what each m
+to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
+_FOOT, _BESIDE = 0.6e-3, 5
+"""m over the floor, and cells, within which a side has to be seen for the object to stand there."""
 _MOST_CELLS = 1_500_000
 _SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
@@ -41,6 +46,9 @@ class Completed:
     Args:
         points: (M, 3) m in the world, on the hidden surface.
         normals: (M, 3) out of the object.
+        doubt: (M,) m, one sigma of where they are.
+        doubtful: m3, one sigma of the volume that follows.
+        volume: m3, about, of the object.
         area: m2 of the object's surface that they make up.
         hidden: the share of it that this is.
         hidden_sides: as `hidden`, of the surface without its underside.
@@ -50,6 +58,9 @@ class Completed:
 
     points: Array
     normals: Array
+    doubt: Array
+    doubtful: float
+    volume: float
     area: float
     hidden: float
     hidden_sides: float
@@ -81,14 +92,17 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
     points, normals = _faces(solid, low, cell)
     points[points[:, 2] < 0.5 * cell, 2] = 0.0
-    hidden = ~_seen_already(points, normals, placed, surface.normals @ axes.T, cell)
+    seen = placed, surface.normals @ axes.T
+    hidden = ~_seen_already(points, normals, *seen, cell)
     sides = normals[:, 2] > _UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
     area = float(np.sum(hidden)) * cell**2
-    points, normals = _under_thin(points[hidden], normals[hidden], placed, surface.normals @ axes.T, cell)
+    off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
+    doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
+    points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, area, *shares, _unknown(footprint), covers)
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers)
 
 
 def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float) -> Mask:
@@ -132,14 +146,44 @@ def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Arra
     )
 
 
-def _under_thin(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> tuple[Array, Array]:
-    """The bottom of thin plates is as dense as their top: else a point without another below it bounds no volume."""
-    below = seen[(seen[:, 2] < _THIN * cell) & (seen_normals[:, 2] > -_UNDERSIDE)] * [1, 1, 0]
+def _doubts(points: Array, normals: Array, seen: tuple[Array, Array], floor: float, low: Array, cell: float) -> Array:
+    """(F,) m, one sigma of where hidden faces are.
+
+    Under an object whose sides were seen down to the table there is hardly any air; under a shaft there may be, and
+    what lies far from anything that was seen may be a hollow.
+    """
+    there, facing = seen
+    off = np.maximum(_GUESSED, _FAR * cKDTree(there).query(points)[0])
+    bottom = (normals[:, 2] < _UNDERSIDE) & (points[:, 2] < 0.5 * cell)
+    off[bottom] = _GUESSED
+    sides = there[facing[:, 2] < -_UNDERSIDE]
+    if len(sides):
+        column = np.floor((sides[:, :2] - low[:2]) / cell).astype(int)
+        lowest = np.full(column.max(axis=0) + 1, np.inf)
+        np.minimum.at(lowest, (column[:, 0], column[:, 1]), sides[:, 2])
+        lowest = ndimage.minimum_filter(lowest, _BESIDE)
+        nearest = column[cKDTree(sides[:, :2]).query(points[bottom, :2])[1]]
+        stands = lowest[nearest[:, 0], nearest[:, 1]] < floor + _FOOT
+        off[bottom] = np.where(stands, _STANDING, _GUESSED)
+    return np.asarray(off)
+
+
+def _under_thin(
+    points: Array, normals: Array, off: Array, seen: tuple[Array, Array], cell: float
+) -> tuple[Array, Array, Array]:
+    """The bottom of thin plates is as dense as their top: else a point without another below it bounds no volume.
+
+    Returns:
+        The points, their normals, and one sigma of where they are, m.
+    """
+    there, facing = seen
+    below = there[(there[:, 2] < _THIN * cell) & (facing[:, 2] > -_UNDERSIDE)] * [1, 1, 0]
     if not len(below):
-        return points, normals
+        return points, normals, off
     kept = cKDTree(below).query(points)[0] > cell
     down = np.tile([0.0, 0.0, -1.0], (len(below), 1))
-    return np.concatenate([points[kept], below]), np.concatenate([normals[kept], down])
+    like = off[cKDTree(points).query(below)[1]] if len(points) else np.full(len(below), _GUESSED)
+    return np.concatenate([points[kept], below]), np.concatenate([normals[kept], down]), np.append(off[kept], like)
 
 
 def _unknown(footprint: Footprint) -> float:

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
+from poise.scanning.depth_scale import depth_scale, rescaled
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.moves import find_move
@@ -25,6 +26,8 @@ _EVERY = 8
 """Rows of a depth image, one of which is asked whether it has depth."""
 _UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 """Shares of the footprint, and m2, of which nothing is known."""
+_DOUBTFUL = 0.12
+"""Share of the volume that completed surface may be off by, one sigma, above which the cause is said."""
 _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 """Shares of the surface, without its underside, that no view saw."""
 _THICK = 2e-3
@@ -50,7 +53,8 @@ class ScanOptions:
         near: (3,) m in the world: of several objects, the one nearest to it (the grasp); None: nearest to where the
             camera looks.
         up: (3,) against gravity, in the world.
-        refine: poses by ICP: when the views disagree, always, or never.
+        refine: poses by ICP: when the views disagree, always, or never; and, unless never, depth that is too long or
+            too short by a share.
         complete: fill what is hidden over the table.
         seed: of the search for the table.
     """
@@ -84,6 +88,7 @@ class Scan:
         moved: m, the most that a pose was moved at the object.
         agreed: share of the surface that the views agree on.
         notes: what to read it with, one sentence each.
+        doubt: (N,) m, one sigma of where completed points are; 0 where seen; None: as `poise.shape` takes it.
     """
 
     points: Array
@@ -96,13 +101,14 @@ class Scan:
     moved: float
     agreed: float
     notes: tuple[str, ...] = ()
+    doubt: Array | None = None
 
     def __repr__(self) -> str:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
 
     def segmented(self, options: SegmentationOptions = DEFAULT_SEGMENTATION) -> Segmentation:
         """Its solid and parts; `solid.volume_std` includes what was not seen."""
-        return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen)
+        return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen, doubt=self.doubt)
 
     @property
     def foot(self) -> Array:
@@ -133,15 +139,24 @@ def scan(
     _check_depth(views, options)
     reach(0.0)
     plane, footprint, n_objects, notes = _look(views, options)
+    said = []
+    if options.refine != "never" and (share := depth_scale(views, plane, options.farthest)):
+        views = rescaled(views, share)
+        plane, footprint, n_objects, notes = _look(views, options)
+        said.append(
+            f"depth is {100 * abs(share):.1f} % too {'long' if share > 0 else 'short'}, by the table's height in views"
+            " from high and low, and was corrected; calibrate the camera, or its hand-eye transform along its axis"
+        )
     reach(0.2)
     moved = 0.0
     if _wants_refinement(views, plane, options):
         views, shifts = refined(views, footprint, options.voxel)
         moved = float(shifts.max())
         typical = 1e3 * float(np.median(shifts))
-        notes.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
+        said.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
         reach(0.4)
-        plane, footprint, n_objects, notes[:-1] = _look(views, options)
+        plane, footprint, n_objects, notes = _look(views, options)
+    notes += said
     if plane.thickness > _THICK:
         notes.append(
             f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
@@ -159,7 +174,10 @@ def scan(
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
-    return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes))
+    # After a push half of the views are where they were fitted to, and shapes are less certain.
+    least = HIDDEN_OFF if pushed else 0.0
+    doubt = None if hidden is None else np.append(np.zeros(len(surface.points)), np.maximum(hidden.doubt, least))
+    return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes), doubt)
 
 
 def _fused(
@@ -352,4 +370,10 @@ def _judge(hidden: Completed) -> list[str]:
     notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
     if hidden.hidden_sides > _SIDES_NOTE:
         notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
+    if hidden.doubtful > _DOUBTFUL * hidden.volume:
+        share = hidden.doubtful / hidden.volume
+        notes.append(
+            f"about {share:.0%} of the volume may be air under the object, or a hollow that no view looks into, and"
+            " counts as object: turn it over, or stand it up, and scan again"
+        )
     return notes

@@ -38,6 +38,8 @@ _POCKET = 1.2
 _LARGEST_BALL, _PRIOR = 4.0, 0.45
 """Spacings, of a ball that needs no leave; and what speaks for each tetrahedron that `_BALL` reaches."""
 _FEWEST_DEEP = 4
+_FACETS = 8
+"""Nearest triangles, by their middles, that the distance to a surface is taken from."""
 _PLANE = 12
 """Points that a normal is found from."""
 _FEWEST_POINTS = 20
@@ -198,13 +200,52 @@ def depths_inside(points: Array, tetrahedra: Indices, facets: Indices) -> Array:
         points: (N, 3) m.
         tetrahedra, facets: (T, 4) and (F, 3) numbers of the points that it is made of, and around it.
     """
-    buried = np.zeros(len(points), bool)
-    buried[tetrahedra] = True
-    buried[facets] = False
+    buried = _buried(points, tetrahedra, facets)
     depths = np.zeros(len(points))
     if buried.any():
         depths[buried] = cKDTree(points[~buried]).query(points[buried])[0]
     return depths
+
+
+def depths_below(points: Array, tetrahedra: Indices, facets: Indices) -> Array:
+    """(N,) m from points inside of a solid to the triangles around it; 0 for those that are not inside.
+
+    Unlike `depths_inside` it does not count a point that a flat tetrahedron just covers, which is a whole spacing away
+    from the nearest one that is not.
+
+    Args:
+        points, tetrahedra, facets: as of `depths_inside`.
+    """
+    buried = _buried(points, tetrahedra, facets)
+    depths = np.zeros(len(points))
+    if buried.any():
+        corners = points[facets]
+        near = cKDTree(corners.mean(axis=1)).query(points[buried], k=min(_FACETS, len(facets)))[1]
+        near = near.reshape(int(buried.sum()), -1)
+        depths[buried] = _to_triangles(points[buried], corners[near]).min(axis=1)
+    return depths
+
+
+def _buried(points: Array, tetrahedra: Indices, facets: Indices) -> Mask:
+    buried = np.zeros(len(points), bool)
+    buried[tetrahedra] = True
+    buried[facets] = False
+    return buried
+
+
+def _to_triangles(points: Array, corners: Array) -> Array:
+    """(N, K) m from points (N, 3) to triangles (N, K, 3, 3)."""
+    offset = corners - points[:, None, None]
+    following = np.roll(offset, -1, axis=2)
+    edge = following - offset
+    length = np.maximum(np.einsum("nkei,nkei->nke", edge, edge), _TINY)
+    along = np.clip(-np.einsum("nkei,nkei->nke", offset, edge) / length, 0, 1)
+    beside = np.linalg.norm(offset + along[..., None] * edge, axis=3).min(axis=2)
+    normal = np.cross(edge[:, :, 0], edge[:, :, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=2), _TINY)[..., None]
+    sides = np.einsum("nkei,nki->nke", np.cross(offset, following), normal)
+    over = np.abs(np.einsum("nki,nki->nk", offset[:, :, 0], normal))
+    return np.asarray(np.where((sides > 0).all(axis=2), over, beside))
 
 
 def oriented_normals(points: Array, facets: Indices) -> Array:

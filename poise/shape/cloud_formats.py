@@ -31,6 +31,7 @@ class CloudTable:
         n_faces: triangles that the file holds beside its points.
         normals: (N, 3) as they are in the file, or None.
         seen: (N,) False where a scan completed the surface (column `seen`), or None.
+        doubt: (N,) one sigma of the place of a completed point (column `doubt`), or None.
     """
 
     points: Array
@@ -38,6 +39,7 @@ class CloudTable:
     n_faces: int = 0
     normals: Array | None = None
     seen: Mask | None = None
+    doubt: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -225,6 +227,7 @@ def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0)
         n_faces,
         None if facing is None else _joined(columns, facing),
         np.asarray(columns["seen"] != 0) if "seen" in columns else None,
+        columns["doubt"].astype(np.float64) if "doubt" in columns else None,
     )
 
 

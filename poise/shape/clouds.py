@@ -28,6 +28,7 @@ class Cloud:
         notes: what was found on the way, one sentence each.
         normals: (N, 3) outward unit normals, or None.
         seen: (N,) False where a scan completed the surface, or None when all of it was seen.
+        doubt: (N,) m, one sigma of where completed surface is, or None when the file does not say.
     """
 
     points: Array
@@ -37,6 +38,7 @@ class Cloud:
     notes: tuple[str, ...] = ()
     normals: Array | None = None
     seen: Mask | None = None
+    doubt: Array | None = None
 
     def spread(self, labels: Indices) -> Indices:
         """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are not a point."""
@@ -76,6 +78,8 @@ def read_cloud(path: Path, scale: float = 1.0) -> Cloud:
     if seen is not None and not seen.all():
         share = f"{np.mean(~seen):.0%} of the points were completed by a scan, not seen"
         cloud = replace(cloud, seen=seen, notes=(*cloud.notes, f"{share}: the volume's uncertainty includes that"))
+        if table.doubt is not None and np.all(np.isfinite(table.doubt) & (table.doubt >= 0)):
+            cloud = replace(cloud, doubt=scale * table.doubt[cloud.rows])
     return cloud if table.normals is None else replace(cloud, normals=_unit(table.normals[cloud.rows]))
 
 

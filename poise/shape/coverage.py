@@ -15,18 +15,21 @@ _STD_ERROR, _STD_NOTE = 0.5, 0.2
 """The same of the volume's deviation over the volume."""
 _INSIDE_NOTE = 0.08
 """Share of points inside the solid: of solid objects at most 0.07."""
+_LAYERS_NOTE = 0.55
+"""Spread besides the noise, over it: of random clouds with noise at most 0.5, of one with a layer inside 0.75."""
 _TWO_SIDED = 0.3
 _SMALL_PIECE = 0.03
 _REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
-def check_coverage(carved: Solid, solid: Solid, inside: float = 0.0) -> tuple[str, ...]:
+def check_coverage(carved: Solid, solid: Solid, inside: float = 0.0, layers: float = 0.0) -> tuple[str, ...]:
     """Sentences about a solid that is not quite trusted.
 
     Args:
         carved: of the points.
         solid: the same, moved to what explains them, with the uncertainty of its volume.
         inside: share of the points that lie deep inside.
+        layers: how much the points spread about the surface besides the noise, over the noise.
 
     Raises:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
@@ -47,6 +50,11 @@ def check_coverage(carved: Solid, solid: Solid, inside: float = 0.0) -> tuple[st
         notes.append(
             f"{inside:.0%} of the points lie inside: the object is hollow, with an opening that is too narrow for their"
             " spacing, or the cloud has inner faces; its volume is then too large: give more points, or the outside"
+        )
+    if layers > _LAYERS_NOTE:
+        notes.append(
+            "points lie in layers, which white noise does not explain (inner faces of a model, or views that do not"
+            " agree); the volume may be too small: state the noise (--noise), or give points of the outside alone"
         )
     pieces = piece_volumes(carved) / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))

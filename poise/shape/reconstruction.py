@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.carving import Stone, carve, depths_inside, spacing_of
+from poise.shape.carving import Stone, carve, depths_below, spacing_of
 from poise.shape.matching import matched
 from poise.shape.solid import Solid, tetrahedron_moments
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
@@ -35,6 +35,8 @@ _FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.21, 0.01, 1.3
 """Of `_spread`: fitted so that one in twenty development clouds of benchmarks/solids.py is more than 2 sigma off."""
 _BY_INSIDE, _INSIDE = 1.2, 0.03
 """Of `_spread`, too: what points inside add, and the share of them that solid objects may have."""
+_BY_MISFIT = 0.7
+"""Of it, too: share of what the points spread about the surface, besides the noise, by which all of it may be off."""
 _LEAST_KEPT = 0.03
 """Share of its volume and second moments that every part keeps, or its vertices move less."""
 _HALVINGS = 6
@@ -53,6 +55,7 @@ class Reconstruction:
         noise: m, one sigma of the points along each axis.
         spacing: m between vertices.
         inside: share of the points that lie deep inside: of the walls of a hollow that no ball enters.
+        misfit: m, by which the points spread about the surface, besides the noise: they may lie in layers.
     """
 
     solid: Solid
@@ -61,6 +64,7 @@ class Reconstruction:
     noise: float
     spacing: float
     inside: float = 0.0
+    misfit: float = 0.0
 
 
 def reconstruct(
@@ -69,6 +73,7 @@ def reconstruct(
     noise: float | None = None,
     normals: Array | None = None,
     seen: Mask | None = None,
+    doubt: Array | None = None,
 ) -> Reconstruction:
     """The solid whose surface the points show.
 
@@ -78,6 +83,7 @@ def reconstruct(
         noise: m, one sigma of the points along each axis; None: estimated.
         normals: (N, 3) outward unit normals, where they were measured; they are not used when many point inwards.
         seen: (N,) False where a scan completed the surface.
+        doubt: (N,) m, one sigma of where the surface is that was completed; None: `HIDDEN_OFF`.
 
     Raises:
         InputError: as `carve`.
@@ -91,14 +97,16 @@ def reconstruct(
     guess = max(draft.noise, _LEAST_NOISE * draft.spacing)
     found = matched(draft.carved, points, guess, draft.spacing, rng, noise is not None)
     inside = _inside(draft.carved, _DEEP * draft.spacing + _BURIED * found.noise)
-    spread = _spread(found.solid, draft, found.noise, inside, None if seen is None else seen[draft.rows])
+    hidden = 0.0 if seen is None else _hidden(found.solid, draft.rows, seen, doubt)
+    layers = _BY_MISFIT * found.misfit * float(found.solid.areas.sum())
+    spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers]))
     solid = replace(found.solid, volume_std=spread)
-    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing, inside)
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing, inside, found.misfit)
 
 
 def _inside(carved: Solid, depth: float) -> float:
     """Share of the points that the solid contains, farther than a depth, m, from those on its surface."""
-    return float(np.mean(depths_inside(carved.vertices, carved.tetrahedra, carved.surface[0]) > depth))
+    return float(np.mean(depths_below(carved.vertices, carved.tetrahedra, carved.surface[0]) > depth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,12 +161,21 @@ def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
     return replace(draft, carved=carved, spacing=spacing)
 
 
-def _spread(solid: Solid, draft: _Draft, noise: float, inside: float, seen: Mask | None) -> float:
+def _hidden(solid: Solid, rows: Indices, seen: Mask, doubt: Array | None) -> float:
+    """m3, one sigma of the volume, from what a scan completed: all of it may be off in the same direction."""
+    corners = rows[solid.surface[0]]
+    unseen = np.count_nonzero(~seen[corners], axis=1) > 1
+    if doubt is None:
+        return HIDDEN_OFF * float(solid.areas[unseen].sum())
+    off = doubt[corners[unseen]].sum(axis=1) / np.count_nonzero(~seen[corners[unseen]], axis=1)
+    return float(off @ solid.areas[unseen])
+
+
+def _spread(solid: Solid, draft: _Draft, noise: float, inside: float) -> float:
     """m3, one sigma of the volume: what random clouds of known shapes with noise of five families were off.
 
     The error grows with the square of noise and of spacing over the thickness, with the share of the volume that
-    balls of other radii would carve otherwise, and with the share of the points that lie inside. What a scan completed
-    is off by `HIDDEN_OFF`.
+    balls of other radii would carve otherwise, and with the share of the points that lie inside.
     """
     volume, area = max(solid.volume, _LEAST_KEPT * draft.carved.volume), float(solid.areas.sum())
     thickness = volume / area
@@ -169,11 +186,7 @@ def _spread(solid: Solid, draft: _Draft, noise: float, inside: float, seen: Mask
         _BY_BALL * draft.carved.volume_std / draft.carved.volume,
         _BY_INSIDE * max(inside - _INSIDE, 0.0),
     ]
-    hidden = 0.0
-    if seen is not None:
-        unseen = np.count_nonzero(~seen[solid.surface[0]], axis=1) > 1
-        hidden = HIDDEN_OFF * float(solid.areas[unseen].sum())
-    return float(np.hypot(volume * np.linalg.norm(shares), hidden))
+    return float(volume * np.linalg.norm(shares))
 
 
 def guarded(made: Reconstruction, labels: Indices) -> Solid:

@@ -115,6 +115,7 @@ def segment(
     *,
     normals: Array | None = None,
     seen: Mask | None = None,
+    doubt: Array | None = None,
 ) -> Segmentation:
     """Cut an object into parts.
 
@@ -124,12 +125,13 @@ def segment(
         options: how.
         normals: (N, 3) outward unit normals, where they were measured.
         seen: (N,) False where a scan completed the surface; None: all of it was seen.
+        doubt: (N,) m, one sigma of where completed surface is; None: as `reconstruct` takes it.
 
     Raises:
         InputError: as `carve` and `check_coverage`.
     """
-    made = reconstruct(points, options.points, options.noise, normals, seen)
-    notes = check_coverage(made.carved, made.solid, made.inside)
+    made = reconstruct(points, options.points, options.noise, normals, seen, doubt)
+    notes = check_coverage(made.carved, made.solid, made.inside, made.misfit / max(made.noise, 1e-9))
     few, spacing = made.solid.vertices, made.spacing
     shades = np.zeros_like(few) if colours is None else colours[made.rows]
     graph = surface_graph(made.solid)

@@ -74,7 +74,10 @@ def test_its_volume_is_right():
     assert solid.volume == pytest.approx(np.prod(BRICK), rel=0.08)
     bottom = BRICK[0] * BRICK[1]  # is what was not seen
     sure = segment(found.points, found.colours, normals=found.normals).solid.volume_std
-    assert np.sqrt(solid.volume_std**2 - sure**2) == pytest.approx(HIDDEN_OFF * bottom, rel=0.4)
+    # Its sides were seen down to the table; a file without the column `doubt` does not say so.
+    assert np.sqrt(solid.volume_std**2 - sure**2) == pytest.approx(5e-4 * bottom, rel=0.4)
+    less = segment(found.points, found.colours, normals=found.normals, seen=found.seen).solid.volume_std
+    assert np.sqrt(less**2 - sure**2) == pytest.approx(HIDDEN_OFF * bottom, rel=0.4)
     assert abs(solid.volume - np.prod(BRICK)) < 2 * solid.volume_std
 
 

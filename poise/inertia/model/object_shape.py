@@ -1,6 +1,7 @@
 """The door for the shape of a held object: a mesh or a cloud of points in, its parts in the sensor frame out."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,7 +101,8 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
     try:
         if mesh is None:
             cloud = read_cloud(path, scale)
-            return _of_cloud(segment(cloud.points, cloud.colours, normals=cloud.normals, seen=cloud.seen))
+            cut = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
+            return _of_cloud(cut(cloud.points, cloud.colours))
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
     except (scipy.spatial.QhullError, np.linalg.LinAlgError) as error:
