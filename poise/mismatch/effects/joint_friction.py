@@ -20,6 +20,50 @@ def transitions() -> Iterable[Values]:
         yield {TRANSITION.name: width}
 
 
+RAMPS_LAW = EffectParameter("law", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)
+"""0: dry friction reverses as tanh(v / transition) in all joints; 1: as a soft constraint of a physics engine."""
+RAMPS_LEAD = EffectParameter("lead", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True)
+"""The time constant of the constraint; of MuJoCo by default solref, 0.02 s, times solimp's 0.95, over 2."""
+RAMP_DEFAULTS: Values = {"law": 0.0, "lead": 0.0095, "ramp": 0.02}
+_RAMPS = np.geomspace(0.004, 0.8, 12)
+
+
+def ramps(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+    """The speed, rad/s, up to which the soft friction of each joint grows."""
+    return tuple(
+        EffectParameter(f"ramp_{i}", "rad/s", low=5e-4, high=3.0, linear=False, log=True, hidden=True)
+        for i in numbers(recorded)
+    )
+
+
+def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
+    """(M, J) the law of dry friction in physics engines: a constraint at velocity level that is soft.
+
+    MuJoCo's friction loss is min(max((v + lead a) / ramp, -1), 1): the ramp is longer the lighter the joint is
+    (Todorov 2014, "Convex and analytically-invertible dynamics with contacts and constraints").
+    """
+    track = efforts(recorded)
+    widths = np.array([values[f"ramp_{i}"] for i in numbers(recorded)])
+    return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
+
+
+def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:
+    """The ramp of each joint with which soft friction explains most of a residual (M, J), beside what is smooth."""
+    track = efforts(recorded)
+    turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
+    found = {}
+    for j, i in enumerate(numbers(recorded)):
+        beside = np.column_stack([turned, track.velocity[:, j], track.acceleration[:, j], track.rigid[:, j]])
+        smooth = np.linalg.qr(beside)[0]
+        ahead = track.velocity[:, j] + RAMP_DEFAULTS["lead"] * track.acceleration[:, j]
+        dry = np.clip(ahead[:, None] / _RAMPS, -1.0, 1.0)
+        dry -= smooth @ (smooth.T @ dry)
+        left = residual[:, j] - smooth @ (smooth.T @ residual[:, j])
+        won = (left @ dry) ** 2 / np.maximum((dry**2).sum(axis=0), 1e-9 * len(dry))
+        found[f"ramp_{i}"] = float(_RAMPS[int(np.argmax(won))])
+    return found
+
+
 def efforts(recorded: RecordedMotion) -> EffortTrack:
     """The joint efforts of a recording that has them.
 

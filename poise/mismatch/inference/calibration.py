@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
+from poise.mismatch.inference.reversals import friction_known, reversal_columns
 from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
 from poise.types import Array, Mask
@@ -33,7 +34,7 @@ class CalibrationGroup:
 
     Args:
         name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, rest (what the model leaves of
-            the wrench, as efforts), or blur (no tolerance: see `_BLURS`).
+            the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
@@ -144,6 +145,9 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
     rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None]),)
+    if friction_known(track):
+        # Of the residual that the nominal model leaves: it is asked for before those of other models.
+        rest = (*rest, recorded.once("reversals", lambda: _reversals(track)))
     return (
         CalibrationGroup("payload", payload),
         CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
@@ -153,6 +157,12 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
         CalibrationGroup("tilt", tilt * tolerance.base_tilt),
         *rest,
     )
+
+
+def _reversals(track: EffortTrack) -> CalibrationGroup:
+    count = len(track.names)
+    soft = reversal_columns(track)
+    return CalibrationGroup("reversals", soft, np.inf, channel=np.arange(count), channels=count, lasting=True)
 
 
 def effort_sizes(track: EffortTrack) -> Array:
