@@ -18,6 +18,7 @@ from poise.mismatch.effects.joint_friction import (
     likely_ramps,
     listed,
     numbers,
+    of_joints,
     ramps,
     sense,
     soft_sense,
@@ -81,9 +82,7 @@ class CoulombFriction(Effect):
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         against = _sense(recorded, values)
-        torque, asymmetry = (
-            np.array([values[f"{name}_{i}"] for i in numbers(recorded)]) for name in ("torque", "asymmetry")
-        )
+        torque, asymmetry = (of_joints(recorded, values, name) for name in ("torque", "asymmetry"))
         return np.asarray(against * torque + np.abs(against) * asymmetry)
 
     def inert(self, values: Values) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
 
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
     (Todorov 2014, "Convex and analytically-invertible dynamics with contacts and constraints").
     """
     track = efforts(recorded)
-    widths = np.array([values[f"ramp_{i}"] for i in numbers(recorded)])
+    widths = of_joints(recorded, values, "ramp")
     return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
 
 
@@ -97,7 +98,15 @@ def sense(recorded: RecordedMotion, width: float = COULOMB_TRANSITION) -> Array:
 
 def each_joint(values: Array) -> Array:
     """(M, J, J) columns that act on one joint each, from (M, J)."""
-    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
+    count = np.arange(values.shape[1])
+    columns = np.zeros((*values.shape, len(count)))
+    columns[:, count, count] = values
+    return columns
+
+
+def of_joints(recorded: RecordedMotion, values: Values, name: str) -> Array:
+    """(J,) the values of a parameter that each joint has."""
+    return np.array([values[f"{name}_{i}"] for i in numbers(recorded)])
 
 
 def in_model(recorded: RecordedMotion, what: str) -> tuple[float, ...]:
@@ -116,19 +125,21 @@ def torque_sizes(recorded: RecordedMotion) -> Array:
     """(J,) a typical friction: a third of the usual measured effort, as wrists need little effort for anything else."""
     if recorded.effort is None:
         return np.zeros(0)
-    usual = _usual(recorded.effort.measured)
+    usual = _usual(recorded, recorded.effort, "measured")
     return np.asarray(0.3 * np.maximum(usual, 0.02 * usual.max(initial=0.0)) + 1e-6)
 
 
-def per(recorded: RecordedMotion, rates: Array) -> Array:
-    """(J,) sizes of a coefficient that maps rates (M, J) to torques."""
-    usual = _usual(rates)
+def per(recorded: RecordedMotion, rates: Literal["velocity", "acceleration"]) -> Array:
+    """(J,) sizes of a coefficient that maps these rates of the joints to torques."""
+    usual = _usual(recorded, efforts(recorded), rates)
     return np.asarray(torque_sizes(recorded) / np.maximum(usual, max(0.05 * float(usual.max(initial=0.0)), 1e-3)))
 
 
-def _usual(values: Array) -> Array:
-    """(J,) the size that nine tenths of (M, J) values do not exceed, from a tenth of them where there are many."""
-    return np.asarray(np.quantile(np.abs(values[:: max(len(values) // 1000, 1)]), 0.9, axis=0))
+def _usual(recorded: RecordedMotion, track: EffortTrack, what: str) -> Array:
+    """(J,) the size that nine tenths of its values do not exceed, from a tenth of them where there are many."""
+    values: Array = getattr(track, what)
+    few = values[:: max(len(values) // 1000, 1)]
+    return recorded.once(("usual", what), lambda: np.asarray(np.quantile(np.abs(few), 0.9, axis=0)))
 
 
 def joint_called(recorded: RecordedMotion, number: float) -> str:

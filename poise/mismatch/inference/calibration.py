@@ -134,28 +134,32 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
-    payload = recorded.once(
-        ("effort payload", tolerance), lambda: joint_torques(recorded, payload_columns(recorded, tolerance))
+    # Of the residual that the nominal model leaves: it is asked for before those of other models.
+    payload, *of_joints = recorded.once(
+        ("effort calibration", tolerance), lambda: _of_efforts(recorded, track, tolerance)
     )
-    gain = track.prediction * tolerance.motor_gain
-    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, gain.shape)
-    count = len(track.names)
-    each = np.arange(count)
+    each = np.arange(len(track.names))
+    gain = CalibrationGroup("gain", track.prediction * tolerance.motor_gain, channel=each, channels=len(each))
+    return (payload, gain, *of_joints)
+
+
+def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
+    """The groups that do not depend on what is predicted; the payload's first."""
+    payload = joint_torques(recorded, payload_columns(recorded, tolerance))
+    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, track.measured.shape)
+    each = np.arange(len(track.names))
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
-    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None]),)
-    if friction_known(track):
-        # Of the residual that the nominal model leaves: it is asked for before those of other models.
-        rest = (*rest, recorded.once("reversals", lambda: _reversals(track)))
+    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None], lasting=True),)
     return (
-        CalibrationGroup("payload", payload),
-        CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
-        CalibrationGroup("gain", gain, channel=each, channels=count),
-        CalibrationGroup("offset", offset, channel=each, channels=count),
-        CalibrationGroup("links", links * tolerance.link_mass),
-        CalibrationGroup("tilt", tilt * tolerance.base_tilt),
+        CalibrationGroup("payload", payload, lasting=True),
+        CalibrationGroup("joints", track.by_position * tolerance.joint_offset, lasting=True),
+        CalibrationGroup("offset", offset, channel=each, channels=len(each), lasting=True),
+        CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
+        CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
         *rest,
+        *((_reversals(track),) if friction_known(track) else ()),
     )
 
 
