@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import (
     EQUAL_EVIDENCE,
+    LOOKALIKE,
     EffectCandidate,
     EffectProof,
     FittedEffect,
@@ -155,9 +156,10 @@ def _belief(
     odds |= dict.fromkeys(same, 1.0)
     # Of equal responses, the search takes the simplest. A delay and a filter have as many parameters.
     ruled |= {rival for rival in same if part.effect.delay}
-    # An effect that contains the name and does no better is no rival.
+    # An effect that contains the name and does hardly better is no rival.
+    more = own + LOOKALIKE * max(own, 0.0)
     against = {
-        rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
+        rival: value for rival, value in odds.items() if gains.get(rival, own) > more or not _contains(rival, name)
     }
     compared = {rival: value for rival, value in against.items() if rival not in ruled}
     basis = BeliefBasis(

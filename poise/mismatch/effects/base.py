@@ -75,8 +75,11 @@ class EffectParameter:
         return -self.known if self.positive else -np.inf
 
     def at_bound(self, value: float) -> bool:
-        """Whether a linear parameter is at its physical bound."""
-        return self.positive and value <= self.lower + 1e-9 * self.scale
+        """Whether a linear parameter is held at zero by its physical bound.
+
+        One that takes away all that the nominal model has is at a bound as well; it has a response.
+        """
+        return self.positive and not self.known and value <= 1e-9 * self.scale
 
     def within(self, value: float) -> bool:
         """Whether a linear parameter is inside its physical bounds; non-linear ones never leave their range."""
@@ -227,6 +230,11 @@ class Effect(ABC):
         searched in these windows, and predictions are not compared there.
         """
         del recorded, values
+        return ()
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        """Names of parameters on which the response does not depend at these values: those of another law."""
+        del values
         return ()
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:

@@ -8,13 +8,20 @@ import numpy as np
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
+    RAMP_DEFAULTS,
+    RAMPS_LAW,
+    RAMPS_LEAD,
     TRANSITION,
     each_joint,
     in_model,
     lacking,
+    likely_ramps,
     listed,
     numbers,
+    of_joints,
+    ramps,
     sense,
+    soft_sense,
     torque_sizes,
     transitions,
 )
@@ -42,12 +49,15 @@ class CoulombFriction(Effect):
     )
     needs = ("effort",)
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
-    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0}
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0, **RAMP_DEFAULTS}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes, joints = torque_sizes(recorded), numbers(recorded)
         return (
             TRANSITION,
+            RAMPS_LAW,
+            RAMPS_LEAD,
+            *ramps(recorded),
             *(
                 EffectParameter(f"torque_{i}", "N m", s, positive=True, known=known)
                 for i, s, known in zip(joints, sizes, in_model(recorded, "friction"), strict=True)
@@ -59,12 +69,24 @@ class CoulombFriction(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        del recorded, residual
-        yield from transitions()
+        common = {p.name: RAMP_DEFAULTS["ramp"] for p in ramps(recorded)}
+        common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
+        for start in transitions():
+            yield {**common, **start}
+        soft = likely_ramps(recorded, residual)
+        yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        against = sense(recorded, nonlinear["transition"])
+        against = _sense(recorded, nonlinear)
         return np.concatenate([each_joint(against), each_joint(np.abs(against))], axis=2)
+
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        against = _sense(recorded, values)
+        torque, asymmetry = (of_joints(recorded, values, name) for name in ("torque", "asymmetry"))
+        return np.asarray(against * torque + np.abs(against) * asymmetry)
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Friction acts against the motion in either direction."""
@@ -77,3 +99,12 @@ class CoulombFriction(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
         return f"Joints have Coulomb friction: {sizes}; {lacking(recorded, 'friction', 'dry friction')}."
+
+
+_OF_RAMPS = ("lead", "ramp_")
+"""Stems of the parameters of soft friction alone."""
+
+
+def _sense(recorded: RecordedMotion, values: Values) -> Array:
+    """(M, J) s of the equation."""
+    return soft_sense(recorded, values) if values["law"] else sense(recorded, values["transition"])

@@ -48,7 +48,7 @@ class JointCoupling(Effect):
         if recorded.effort is None:
             return ()
         count = float(max(numbers(recorded)))
-        damping, inertia = per(recorded, recorded.effort.velocity), per(recorded, recorded.effort.acceleration)
+        damping, inertia = per(recorded, "velocity"), per(recorded, "acceleration")
         return (
             *(
                 EffectParameter(name, "", low=1.0, high=count, linear=False, choice=True)

@@ -1,6 +1,7 @@
 """Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
 
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,50 @@ def transitions() -> Iterable[Values]:
     """Widths from which a fit reaches every other one."""
     for width in (0.003, 0.015, 0.06):
         yield {TRANSITION.name: width}
+
+
+RAMPS_LAW = EffectParameter("law", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)
+"""0: dry friction reverses as tanh(v / transition) in all joints; 1: as a soft constraint of a physics engine."""
+RAMPS_LEAD = EffectParameter("lead", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True)
+"""The time constant of the constraint; of MuJoCo by default solref, 0.02 s, times solimp's 0.95, over 2."""
+RAMP_DEFAULTS: Values = {"law": 0.0, "lead": 0.0095, "ramp": 0.02}
+_RAMPS = np.geomspace(0.004, 0.8, 12)
+
+
+def ramps(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+    """The speed, rad/s, up to which the soft friction of each joint grows."""
+    return tuple(
+        EffectParameter(f"ramp_{i}", "rad/s", low=5e-4, high=3.0, linear=False, log=True, hidden=True)
+        for i in numbers(recorded)
+    )
+
+
+def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
+    """(M, J) the law of dry friction in physics engines: a constraint at velocity level that is soft.
+
+    MuJoCo's friction loss is min(max((v + lead a) / ramp, -1), 1): the ramp is longer the lighter the joint is
+    (Todorov 2014, "Convex and analytically-invertible dynamics with contacts and constraints").
+    """
+    track = efforts(recorded)
+    widths = of_joints(recorded, values, "ramp")
+    return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
+
+
+def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:
+    """The ramp of each joint with which soft friction explains most of a residual (M, J), beside what is smooth."""
+    track = efforts(recorded)
+    turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
+    found = {}
+    for j, i in enumerate(numbers(recorded)):
+        beside = np.column_stack([turned, track.velocity[:, j], track.acceleration[:, j], track.rigid[:, j]])
+        smooth = np.linalg.qr(beside)[0]
+        ahead = track.velocity[:, j] + RAMP_DEFAULTS["lead"] * track.acceleration[:, j]
+        dry = np.clip(ahead[:, None] / _RAMPS, -1.0, 1.0)
+        dry -= smooth @ (smooth.T @ dry)
+        left = residual[:, j] - smooth @ (smooth.T @ residual[:, j])
+        won = (left @ dry) ** 2 / np.maximum((dry**2).sum(axis=0), 1e-9 * len(dry))
+        found[f"ramp_{i}"] = float(_RAMPS[int(np.argmax(won))])
+    return found
 
 
 def efforts(recorded: RecordedMotion) -> EffortTrack:
@@ -53,7 +98,15 @@ def sense(recorded: RecordedMotion, width: float = COULOMB_TRANSITION) -> Array:
 
 def each_joint(values: Array) -> Array:
     """(M, J, J) columns that act on one joint each, from (M, J)."""
-    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
+    count = np.arange(values.shape[1])
+    columns = np.zeros((*values.shape, len(count)))
+    columns[:, count, count] = values
+    return columns
+
+
+def of_joints(recorded: RecordedMotion, values: Values, name: str) -> Array:
+    """(J,) the values of a parameter that each joint has."""
+    return np.array([values[f"{name}_{i}"] for i in numbers(recorded)])
 
 
 def in_model(recorded: RecordedMotion, what: str) -> tuple[float, ...]:
@@ -72,19 +125,21 @@ def torque_sizes(recorded: RecordedMotion) -> Array:
     """(J,) a typical friction: a third of the usual measured effort, as wrists need little effort for anything else."""
     if recorded.effort is None:
         return np.zeros(0)
-    usual = _usual(recorded.effort.measured)
+    usual = _usual(recorded, recorded.effort, "measured")
     return np.asarray(0.3 * np.maximum(usual, 0.02 * usual.max(initial=0.0)) + 1e-6)
 
 
-def per(recorded: RecordedMotion, rates: Array) -> Array:
-    """(J,) sizes of a coefficient that maps rates (M, J) to torques."""
-    usual = _usual(rates)
+def per(recorded: RecordedMotion, rates: Literal["velocity", "acceleration"]) -> Array:
+    """(J,) sizes of a coefficient that maps these rates of the joints to torques."""
+    usual = _usual(recorded, efforts(recorded), rates)
     return np.asarray(torque_sizes(recorded) / np.maximum(usual, max(0.05 * float(usual.max(initial=0.0)), 1e-3)))
 
 
-def _usual(values: Array) -> Array:
-    """(J,) the size that nine tenths of (M, J) values do not exceed, from a tenth of them where there are many."""
-    return np.asarray(np.quantile(np.abs(values[:: max(len(values) // 1000, 1)]), 0.9, axis=0))
+def _usual(recorded: RecordedMotion, track: EffortTrack, what: str) -> Array:
+    """(J,) the size that nine tenths of its values do not exceed, from a tenth of them where there are many."""
+    values: Array = getattr(track, what)
+    few = values[:: max(len(values) // 1000, 1)]
+    return recorded.once(("usual", what), lambda: np.asarray(np.quantile(np.abs(few), 0.9, axis=0)))
 
 
 def joint_called(recorded: RecordedMotion, number: float) -> str:

@@ -3,7 +3,16 @@
 from typing import ClassVar
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
+from poise.mismatch.effects.joint_friction import (
+    each_joint,
+    efforts,
+    in_model,
+    lacking,
+    listed,
+    numbers,
+    of_joints,
+    per,
+)
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -23,7 +32,7 @@ class MotorInertia(Effect):
     of_joint: ClassVar[dict[str, str]] = {"inertia": "armature"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        sizes = per(recorded, efforts(recorded).acceleration) if recorded.effort is not None else ()
+        sizes = per(recorded, "acceleration") if recorded.effort is not None else ()
         return tuple(
             EffectParameter(f"inertia_{i}", "kg m2", s, positive=True, known=known)
             for i, s, known in zip(numbers(recorded), sizes, in_model(recorded, "armature"), strict=True)
@@ -32,6 +41,9 @@ class MotorInertia(Effect):
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
         return each_joint(efforts(recorded).acceleration)
+
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        return efforts(recorded).acceleration * of_joints(recorded, values, "inertia")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"inertia_{i}"] for i in numbers(recorded)], "kg m2")

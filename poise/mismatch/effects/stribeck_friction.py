@@ -14,6 +14,7 @@ from poise.mismatch.effects.joint_friction import (
     in_model,
     listed,
     numbers,
+    of_joints,
     per,
     sense,
     torque_sizes,
@@ -44,7 +45,7 @@ class StribeckFriction(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
-        rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
+        rates = per(recorded, "velocity") if recorded.effort is not None else sizes
         made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True), TRANSITION]
         friction, damping = in_model(recorded, "friction"), in_model(recorded, "damping")
         kinds = (
@@ -70,6 +71,12 @@ class StribeckFriction(Effect):
         velocity, against = efforts(recorded).velocity, sense(recorded, nonlinear["transition"])
         slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
+
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        velocity, against = efforts(recorded).velocity, sense(recorded, values["transition"])
+        torque, stiction, damping = (of_joints(recorded, values, name) for name in ("torque", "stiction", "damping"))
+        slow = np.exp(-((velocity / values["velocity"]) ** 2))
+        return np.asarray(against * (torque + stiction * slow) + velocity * damping)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Without stiction, this is Coulomb and viscous friction; what falls over the whole range of speeds is none."""

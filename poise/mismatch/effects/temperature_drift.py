@@ -36,7 +36,7 @@ class TemperatureDrift(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
-        rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
+        rates = per(recorded, "velocity") if recorded.effort is not None else sizes
         longest = max(1.5 * recorded.duration, 3.0 * _QUICKEST)
         made = [EffectParameter("time_constant", "s", low=_QUICKEST, high=longest, linear=False, log=True)]
         for kind, unit, scales in (("damping", "N m s/rad", rates), ("torque", "N m", sizes)):

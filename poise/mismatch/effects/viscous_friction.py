@@ -3,7 +3,16 @@
 from typing import ClassVar
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, efforts, in_model, lacking, listed, numbers, per
+from poise.mismatch.effects.joint_friction import (
+    each_joint,
+    efforts,
+    in_model,
+    lacking,
+    listed,
+    numbers,
+    of_joints,
+    per,
+)
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -23,7 +32,7 @@ class ViscousFriction(Effect):
     of_joint: ClassVar[dict[str, str]] = {"damping": "damping"}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        sizes = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else ()
+        sizes = per(recorded, "velocity") if recorded.effort is not None else ()
         return tuple(
             EffectParameter(f"damping_{i}", "N m s/rad", s, positive=True, known=known)
             for i, s, known in zip(numbers(recorded), sizes, in_model(recorded, "damping"), strict=True)
@@ -32,6 +41,9 @@ class ViscousFriction(Effect):
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
         return each_joint(efforts(recorded).velocity)
+
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        return efforts(recorded).velocity * of_joints(recorded, values, "damping")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"damping_{i}"] for i in numbers(recorded)], "N m s/rad")

@@ -14,7 +14,7 @@ from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, al
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
-from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, improved, replacements
+from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, improved, replacements
 from poise.mismatch.inference.search import search
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
@@ -28,6 +28,7 @@ from poise.mismatch.inference.variations import Variation, variations
 
 __all__ = [
     "EQUAL_EVIDENCE",
+    "LOOKALIKE",
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
+from poise.mismatch.inference.reversals import friction_known, reversal_columns
 from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
 from poise.types import Array, Mask
@@ -33,7 +34,7 @@ class CalibrationGroup:
 
     Args:
         name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, rest (what the model leaves of
-            the wrench, as efforts), or blur (no tolerance: see `_BLURS`).
+            the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
@@ -133,26 +134,39 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
-    payload = recorded.once(
-        ("effort payload", tolerance), lambda: joint_torques(recorded, payload_columns(recorded, tolerance))
+    # Of the residual that the nominal model leaves: it is asked for before those of other models.
+    payload, *of_joints = recorded.once(
+        ("effort calibration", tolerance), lambda: _of_efforts(recorded, track, tolerance)
     )
-    gain = track.prediction * tolerance.motor_gain
-    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, gain.shape)
-    count = len(track.names)
-    each = np.arange(count)
+    each = np.arange(len(track.names))
+    gain = CalibrationGroup("gain", track.prediction * tolerance.motor_gain, channel=each, channels=len(each))
+    return (payload, gain, *of_joints)
+
+
+def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
+    """The groups that do not depend on what is predicted; the payload's first."""
+    payload = joint_torques(recorded, payload_columns(recorded, tolerance))
+    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, track.measured.shape)
+    each = np.arange(len(track.names))
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
-    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None]),)
+    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None], lasting=True),)
     return (
-        CalibrationGroup("payload", payload),
-        CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
-        CalibrationGroup("gain", gain, channel=each, channels=count),
-        CalibrationGroup("offset", offset, channel=each, channels=count),
-        CalibrationGroup("links", links * tolerance.link_mass),
-        CalibrationGroup("tilt", tilt * tolerance.base_tilt),
+        CalibrationGroup("payload", payload, lasting=True),
+        CalibrationGroup("joints", track.by_position * tolerance.joint_offset, lasting=True),
+        CalibrationGroup("offset", offset, channel=each, channels=len(each), lasting=True),
+        CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
+        CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
         *rest,
+        *((_reversals(track),) if friction_known(track) else ()),
     )
+
+
+def _reversals(track: EffortTrack) -> CalibrationGroup:
+    count = len(track.names)
+    soft = reversal_columns(track)
+    return CalibrationGroup("reversals", soft, np.inf, channel=np.arange(count), channels=count, lasting=True)
 
 
 def effort_sizes(track: EffortTrack) -> Array:

@@ -101,7 +101,8 @@ def refine(
         least: gain of interest: the search ends as soon as it is out of reach.
     """
     parameters = effect.parameters(recorded)
-    moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
+    inert = effect.inert(start)
+    moving = [p for p in parameters if not (p.linear or p.choice or p.resolution or p.name in inert)]
     weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
     at = _linear(problem, regression, recorded, effect, dict(start), weak)
     damping = Damping()

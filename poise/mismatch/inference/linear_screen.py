@@ -224,13 +224,13 @@ def _solved(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
 def _error(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
     """(B, J) mean square on each block of a fit to the other blocks."""
     index = _index(sums, chosen)
-    matrix, vector = sums.matrix[:, :, index][:, :, :, index], sums.vector[:, :, index]
-    weighted = np.einsum("bjkl,j->bkl", matrix, 1 / variance), np.einsum("bjk,j->bk", vector, 1 / variance)
+    matrix, vector = sums.matrix[:, :, index[:, None], index], sums.vector[:, :, index]
+    weighted = np.tensordot(1 / variance, matrix, (0, 1)), np.tensordot(1 / variance, vector, (0, 1))
     out = np.empty(sums.square.shape)
     for block in range(len(out)):
         rest = (weighted[0].sum(axis=0) - weighted[0][block], weighted[1].sum(axis=0) - weighted[1][block])
         values = _bounded(sums, chosen, *rest)
-        bent = np.einsum("k,jkl,l->j", values, matrix[block], values, optimize=True)
+        bent = matrix[block] @ values @ values
         out[block] = sums.square[block] - 2.0 * vector[block] @ values + bent
     return np.asarray(np.maximum(out, 0.0) / sums.rows[:, None])
 
@@ -303,7 +303,7 @@ def _square(sums: _Sums, chosen: Sequence[int], variance: Array) -> float:
     """Of the residual of a fit to all blocks, in units of the variance (J,)."""
     index, values = _index(sums, chosen), _solved(sums, chosen, variance)
     matrix, vector = sums.matrix.sum(axis=0)[:, index][:, :, index], sums.vector.sum(axis=0)[:, index]
-    bent = np.einsum("k,jkl,l->j", values, matrix, values, optimize=True)
+    bent = matrix @ values @ values
     return float((sums.square.sum(axis=0) - 2.0 * vector @ values + bent) @ (1 / variance))
 
 

@@ -32,7 +32,7 @@ class Linearised:
         every = [
             (i, p)
             for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True))
-            for p in continuous_parameters(part.effect, recorded)
+            for p in continuous_parameters(part, recorded)
         ]
         return (
             every if self.free is None else [each for each, free in zip(every, self.free.tolist(), strict=True) if free]
@@ -93,16 +93,17 @@ def linearised(
     return replace(about, square=calibration.square + float(precision @ mean**2))
 
 
-def continuous_parameters(effect: Effect, recorded: RecordedMotion) -> list[EffectParameter]:
-    """Its parameters that have a column: all but discrete ones."""
-    return [p for p in effect.parameters(recorded) if p.linear or not (p.choice or p.resolution)]
+def continuous_parameters(part: FittedEffect, recorded: RecordedMotion) -> list[EffectParameter]:
+    """Its parameters that have a column: all but discrete ones, and those of a law that does not act."""
+    inert, every = part.effect.inert(part.values), part.effect.parameters(recorded)
+    return [p for p in every if p.linear or not (p.choice or p.resolution or p.name in inert)]
 
 
 def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[RecordedMotion]) -> Array:
     """(k, R) whitened response to each parameter of each part."""
     columns: list[Array] = []
     for part, recorded in zip(parts, inputs, strict=True):
-        effect, values, own = part.effect, part.values, continuous_parameters(part.effect, recorded)
+        effect, values, own = part.effect, part.values, continuous_parameters(part, recorded)
         straight = iter(np.moveaxis(effect.columns(recorded, values), 2, 0) if any(p.linear for p in own) else ())
         here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(recorded, values)
         columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]

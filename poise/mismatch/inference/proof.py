@@ -186,7 +186,7 @@ def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof)
     ):
         return "the odometry of the base may be wrong by as much"
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
-    if shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
+    if not part.effect.of_joint and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays

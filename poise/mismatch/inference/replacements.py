@@ -142,7 +142,7 @@ def improved(
         None where every effect is at its place.
     """
     problem, now = state.under(found), None
-    for replaced, best in (*_single(problem, found, instead), *_pairs(problem, found, instead)):
+    for replaced, best, slack in (*_single(problem, found, instead), *_pairs(problem, found, instead)):
         kept = tuple(part for part in found.parts if part not in replaced)
         key = tuple(sorted((*(part.effect.name for part in kept), best.effect.name)))
         if key in state.replaced:
@@ -151,24 +151,25 @@ def improved(
         now = now or _fitted(state, problem, found.parts)
         tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
         pressed = _pressed(problem, tried) and not _pressed(problem, now)
-        if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not pressed:
+        if tried.log_evidence > now.log_evidence - slack and not pressed:
             return tried
     return None
 
 
 def _single(
     problem: Problem, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
-) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate]]:
-    """Each effect of an answer with those that are simpler or better in its place."""
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate, float]]:
+    """Each effect of an answer with those that are simpler or better in its place, and how much worse they may be."""
     for part, candidates in zip(found.parts, instead, strict=True):
         own = candidates.get(part.effect.name)
         if own is not None and not isinstance(part.effect, FreeCurve):
-            yield from (((part,), each) for each in _simpler(problem, own, candidates))
+            for each in _simpler(problem, own, candidates):
+                yield (part,), each, _slack(own.effect, each.effect, own.gain)
 
 
 def _pairs(
     problem: Problem, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
-) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate]]:
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate, float]]:
     """Each two effects of an answer with those that do as well in the place of either: one cause is simpler than two.
 
     A search that adds one effect at a time may explain a cause by two that have fewer parameters each.
@@ -178,7 +179,7 @@ def _pairs(
         both = [of_first[name] for name in _as_good(first, of_first) & _as_good(second, of_second) - pair]
         both = [each for each in both if not pair & set(each.effect.made_of)]
         for each in sorted(both, key=lambda one: _size(problem, one))[:_TRIED]:
-            yield (first, second), each
+            yield (first, second), each, EQUAL_EVIDENCE
 
 
 def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:
@@ -192,7 +193,8 @@ def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> s
 
 def _size(problem: Problem, each: EffectCandidate) -> tuple[bool, int, float]:
     """The order of candidates: general ones last, then by the number of parameters, then the best first."""
-    return each.effect.general, sum(not p.choice for p in each.effect.parameters(problem.recorded)), -each.gain
+    parameters, inert = each.effect.parameters(problem.recorded), each.effect.inert(each.values)
+    return each.effect.general, sum(not p.choice and p.name not in inert for p in parameters), -each.gain
 
 
 def _simpler(
@@ -207,10 +209,19 @@ def _simpler(
     named = [each for each in candidates.values() if not isinstance(each.effect, FreeCurve)]
     named = [each for each in named if name not in each.effect.made_of or each.gain > more]
     top = max(each.gain for each in named)
-
-    ranked = sorted((each for each in named if each.gain > top - EQUAL_EVIDENCE), key=lambda each: _size(problem, each))
+    good = [each for each in named if each.gain > top - _slack(own.effect, each.effect, own.gain)]
+    ranked = sorted(good, key=lambda each: _size(problem, each))
     least = next((_size(problem, each)[:2] for each in ranked if each is own), None)
     return [each for each in ranked if least is None or _size(problem, each)[:2] < least][:_TRIED]
+
+
+def _slack(own: Effect, other: Effect, won: float) -> float:
+    """log evidence by which another effect may be worse in the place of one: more for a piece of it, for it is simpler.
+
+    Args:
+        own, other: effects. won: log evidence of the one.
+    """
+    return EQUAL_EVIDENCE + (LOOKALIKE * max(won, 0.0) if other.name in own.made_of else 0.0)
 
 
 def _fitted(state: HypothesisSearch, problem: Problem, parts: tuple[FittedEffect, ...]) -> HypothesisFit:
@@ -220,10 +231,13 @@ def _fitted(state: HypothesisSearch, problem: Problem, parts: tuple[FittedEffect
 
 
 def _pressed(problem: Problem, found: HypothesisFit) -> bool:
-    """Whether a parameter was stopped at an end of its range: such an effect imitates another one."""
+    """Whether a parameter was stopped at an end of its range: such an effect imitates another one.
+
+    The ramps of joints do not count: without friction a joint has none.
+    """
     inputs = problem.compose(found.parts)[0]
     return any(
-        p.at_end(part.values[p.name]) and not p.choice
+        p.at_end(part.values[p.name]) and not p.choice and not (p.hidden and part.effect.of_joint)
         for part, recorded in zip(found.parts, inputs, strict=True)
         for p in part.effect.parameters(recorded)
     )

@@ -65,9 +65,20 @@ class LoadOnEfforts(_OnEfforts):
         return self._inner.starts(recorded, wrench_of_torques(recorded, residual))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        if self._straight(recorded):
+            return recorded.once(("on efforts", self.name), lambda: self._columns(recorded, nonlinear))
+        return self._columns(recorded, nonlinear)
+
+    def _columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return joint_torques(recorded, self._inner.columns(recorded, nonlinear))
 
+    def _straight(self, recorded: RecordedMotion) -> bool:
+        """Whether it is linear in all parameters: its columns then depend on the motion alone."""
+        return self.layer == "load" and all(p.linear for p in self.parameters(recorded))
+
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        if self._straight(recorded):
+            return np.asarray(self.columns(recorded, values) @ [values[p.name] for p in self.parameters(recorded)])
         return joint_torques(recorded, self._inner.simulate(recorded, values)[:, :, None])[:, :, 0]
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:

@@ -1,0 +1,83 @@
+"""Dry friction as physics engines have it: against MuJoCo's inverse dynamics, and what is gone against its absence."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from effect_worlds import effort_world, filled
+
+from poise.mismatch.effects import effect_named
+from poise.mismatch.effects.base import EffectParameter
+from poise.mismatch.effects.joint_friction import likely_ramps
+from poise.mismatch.inference.reversals import friction_known, reversal_columns
+from poise.simulation.models import JointPhysics
+
+FRICTION = (0.8, 1.4, 0.3, 0.5, 0.9, 0.2)
+INERTIA = (0.5, 0.02, 0.1, 0.004, 0.03, 0.002)
+LEAD = 0.02 * 0.95 / 2
+"""s: solref and solimp of MuJoCo by default."""
+
+
+def by_mujoco(velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """(M, 6) N m of friction in six joints that do not move one another."""
+    spec = mujoco.MjSpec()
+    for number, (friction, inertia) in enumerate(zip(FRICTION, INERTIA, strict=True)):
+        body = spec.worldbody.add_body(mass=1.0, inertia=[inertia] * 3, explicitinertial=True)
+        body.add_joint(name=f"j{number}", axis=[0.0, 0.0, 1.0], frictionloss=friction)
+    model = spec.compile()
+    data, out = mujoco.MjData(model), np.zeros_like(velocity)
+    for row in range(len(velocity)):
+        data.qvel[:], data.qacc[:] = velocity[row], acceleration[row]
+        mujoco.mj_inverse(model, data)
+        out[row] = data.qfrc_inverse - np.array(INERTIA) * acceleration[row]
+    return out
+
+
+def ramps() -> dict[str, float]:
+    """The speed of each joint at which friction is complete: impedance 0.9, inverse of the inertia."""
+    return {f"ramp_{i}": f / m / 9.0 * LEAD for i, (f, m) in enumerate(zip(FRICTION, INERTIA, strict=True), 1)}
+
+
+def test_soft_friction_is_mujocos_friction_loss() -> None:
+    at, effect = effort_world(), effect_named("coulomb_friction")
+    values = ramps() | {"law": 1.0, "lead": LEAD} | {f"torque_{i}": f for i, f in enumerate(FRICTION, 1)}
+    found = effect.simulate(at, filled(effect, at, values))
+    exact = by_mujoco(at.effort.velocity, at.effort.acceleration)
+    assert np.abs(exact).max(axis=0) == pytest.approx(FRICTION)
+    np.testing.assert_allclose(found, exact, atol=1e-6)
+
+
+def test_its_start_finds_the_ramps_of_light_joints_beside_a_load() -> None:
+    at = effort_world()
+    exact = by_mujoco(at.effort.velocity, at.effort.acceleration)
+    found = likely_ramps(at, exact + 0.03 * at.effort.rigid)
+    for name, ramp in ramps().items():
+        assert 0.7 * ramp < found[name] < 1.5 * ramp or max(ramp, found[name]) < 0.008, name
+
+
+def test_what_is_gone_acts_although_it_is_at_its_bound() -> None:
+    lacking = EffectParameter("torque_1", "N m", 1.0, positive=True)
+    there = replace(lacking, known=0.5)
+    assert lacking.at_bound(0.0)
+    assert not lacking.at_bound(0.1)
+    assert not there.at_bound(-0.5)
+    assert there.lower == -0.5
+
+
+def test_friction_that_only_reverses_otherwise_is_explained_without_a_change() -> None:
+    at, effect = effort_world(), effect_named("coulomb_friction")
+    soft = ramps() | {"law": 1.0, "lead": LEAD} | {f"torque_{i}": f for i, f in enumerate(FRICTION, 1)}
+    sharp = soft | {f"ramp_{i}": 0.3 * ramp for i, ramp in enumerate(ramps().values(), 1)}
+    off = effect.simulate(at, filled(effect, at, soft)) - effect.simulate(at, filled(effect, at, sharp))
+    track = replace(at.effort, measured=at.effort.prediction + off)
+    found = reversal_columns(track)
+    assert not friction_known(track)
+    assert friction_known(replace(track, errors_cancel=True))
+    assert friction_known(replace(track, stated=(JointPhysics(friction=0.1),) * 6))
+    seen = (np.abs(off).max(axis=0) > 0.1) & (np.array(list(ramps().values())) > 0.004)  # shorter ones hardly act
+    assert seen.sum() >= 4
+    left = off - 0.5 * found
+    assert ((left**2).sum(axis=0) < 0.2 * (off**2).sum(axis=0))[seen].all()
+    fast = np.abs(track.velocity) > 0.45
+    assert np.abs(found[fast]).max() < 1e-9
