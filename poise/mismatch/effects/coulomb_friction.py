@@ -73,8 +73,11 @@ class CoulombFriction(Effect):
         common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
         for start in transitions():
             yield {**common, **start}
-        soft = likely_ramps(recorded, residual)
-        yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+        track = recorded.effort
+        if track is not None and (track.stated or track.errors_cancel):
+            # Real drives follow no engine's law: it is tried with the model of a simulator, and between two recordings.
+            soft = likely_ramps(recorded, residual)
+            yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         against = _sense(recorded, nonlinear)
