@@ -5,7 +5,8 @@ import pytest
 import shape_samples as samples
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.carving import carve
+from poise.shape.carving import _to_triangles as to_triangles
+from poise.shape.carving import carve, depths_below, depths_inside
 
 COUNT = 2000
 
@@ -60,3 +61,28 @@ def test_what_has_no_volume_is_refused() -> None:
     with pytest.raises(InputError) as refused:
         carve(rng.random((5, 3)))
     assert refused.value.code is ErrorCode.SCAN_INCOMPLETE
+
+
+def test_depth_below_a_surface_is_to_its_triangles() -> None:
+    """Two points of a box are inside: one in the middle, and one that a flat tetrahedron just covers."""
+    rng = np.random.default_rng(2)
+    side = np.array([0.1, 0.06, 0.04])
+    middle, covered = np.zeros(3), np.array([0.011, 0.007, side[2] / 2 - 1e-4])
+    outside = samples.box(rng, tuple(side.tolist()), COUNT)
+    outside -= (outside.min(axis=0) + outside.max(axis=0)) / 2
+    outside = outside[np.linalg.norm(outside - covered, axis=1) > 3e-3]
+    points = np.concatenate([outside, [middle, covered]])
+    solid = carve(points)
+    depths = depths_below(points, solid.tetrahedra, solid.surface[0])
+    assert depths[-2] == pytest.approx(side[2] / 2, rel=0.02)
+    assert depths[-1] == pytest.approx(1e-4, rel=0.2)
+    nearest = depths_inside(points, solid.tetrahedra, solid.surface[0])
+    assert nearest[-1] > 2.9e-3
+
+
+def test_the_distance_to_a_triangle_is_that_to_its_nearest_point() -> None:
+    rng = np.random.default_rng(3)
+    corners, points = rng.normal(size=(40, 1, 3, 3)), rng.normal(size=(40, 3))
+    drawn = rng.dirichlet(np.full(3, 0.6), 50_000)
+    nearest = [np.linalg.norm(drawn @ corners[i, 0] - points[i], axis=1).min() for i in range(len(points))]
+    np.testing.assert_allclose(to_triangles(points, corners)[:, 0], nearest, atol=1e-3)

@@ -101,6 +101,30 @@ def test_what_was_completed_is_less_certain() -> None:
     assert np.sqrt(unsure**2 - sure**2) == pytest.approx(HIDDEN_OFF * 0.1 * 0.06, rel=0.1)
 
 
+def test_each_completed_point_has_its_own_doubt() -> None:
+    rng = np.random.default_rng(1)
+    points = samples.box(rng, (0.1, 0.06, 0.04), COUNT)
+    seen = points[:, 2] > points[:, 2].min() + 1e-6
+    doubt = np.where(seen, 0.0, np.where(points[:, 0] < np.median(points[:, 0]), 1e-3, 3e-3))
+    sure, unsure = (reconstruct(points, WANTED, seen=seen, doubt=of).solid.volume_std for of in (0 * doubt, doubt))
+    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(2e-3 * 0.1 * 0.06, rel=0.1)
+
+
+def test_a_layer_under_the_surface_is_no_noise() -> None:
+    """A third of the points lies 4 mm inside: white noise that is as wide moves the surface inwards."""
+    rng = np.random.default_rng(1)
+    outer = samples.box(rng, (0.12, 0.06, 0.05), COUNT)
+    inner = samples.box(rng, (0.112, 0.052, 0.042), COUNT // 2)
+    inner += (outer.min(axis=0) + outer.max(axis=0) - inner.min(axis=0) - inner.max(axis=0)) / 2
+    points = np.concatenate([outer, inner]) + rng.normal(scale=3e-4, size=(len(outer) + len(inner), 3))
+    made, plain = segment(points), segment(outer + rng.normal(scale=1e-3, size=outer.shape))
+    true = 0.12 * 0.06 * 0.05
+    assert abs(made.solid.volume - true) < 2 * made.solid.volume_std
+    assert any("layers" in note or "inside" in note for note in made.notes)
+    assert not any("layers" in note for note in plain.notes)
+    assert plain.solid.volume_std < 0.05 * true
+
+
 def test_normals_that_point_anywhere_are_not_used() -> None:
     rng = np.random.default_rng(1)
     points = samples.box(rng, (0.1, 0.06, 0.04), COUNT)
