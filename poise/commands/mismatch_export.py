@@ -2,6 +2,7 @@
 
 import os
 import stat
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +26,14 @@ from poise.exporting.models import (
 from poise.files import write_whole
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis
-from poise.mismatch.application import found_payload, found_sensor, joint_values, without_place
+from poise.mismatch.application import (
+    found_payload,
+    found_sensor,
+    joint_values,
+    recorded_run,
+    without_place,
+    worsening,
+)
 from poise.mismatch.reading import NominalModel, ReadRecording, nominal_description
 from poise.recording import Recording, open_recording
 from poise.simulation.rollout import DriveEstimate
@@ -166,13 +174,32 @@ def prepared_exports(
     try:
         recording = open_recording(bag)
         changes = _changes(found, drives, recording, reading, payload_link)
-        made = [
-            model_exporter_of(each.kind).changed(changes, _source(each, recording, reading.model)) for each in requests
-        ]
+        made = [_written(each, changes, recording, reading.model) for each in requests]
     except PoiseError as error:
         return PreparedExports(error=error)
     targets = [each.target for each in requests]
     return PreparedExports(tuple(zip(targets, made, strict=True)), tuple(each.kind for each in requests))
+
+
+def _written(request: ModelExport, changes: ModelChanges, recording: Recording, nominal: NominalModel) -> WrittenModel:
+    """The file; of a MuJoCo model without what makes its free runs worse."""
+    exporter, source = model_exporter_of(request.kind), _source(request, recording, nominal)
+    made = exporter.changed(changes, source)
+    if request.kind != "mjcf" or request.source is None:
+        return made
+    try:
+        run = recorded_run(recording)
+    except PoiseError:  # too short for a free run
+        return made
+    folder = request.target.absolute().parent
+    lost = worsening(
+        run,
+        request.source,
+        changes.kinds,
+        lambda kinds: exporter.changed(changes.without(kinds), source).content,
+        folder if folder.is_dir() else Path(tempfile.gettempdir()),
+    )
+    return exporter.changed(changes.without(lost.kinds, lost.reason), source) if lost.kinds else made
 
 
 def _source(request: ModelExport, recording: Recording, nominal: NominalModel) -> bytes:

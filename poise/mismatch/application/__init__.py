@@ -2,6 +2,7 @@
 
 from poise.mismatch.application.compensation import CompensatedWrench, compensate
 from poise.mismatch.application.found_drives import found_drives
+from poise.mismatch.application.free_run_check import Worsening, worsening
 from poise.mismatch.application.free_run_input import recorded_run
 from poise.mismatch.application.known_load import loads_about
 from poise.mismatch.application.model_values import found_payload, found_sensor, joint_values, without_place
@@ -10,6 +11,7 @@ from poise.mismatch.application.simulated_run import SimulatedRun, run_planned, 
 __all__ = [
     "CompensatedWrench",
     "SimulatedRun",
+    "Worsening",
     "compensate",
     "found_drives",
     "found_payload",
@@ -20,4 +22,5 @@ __all__ = [
     "run_planned",
     "run_recorded",
     "without_place",
+    "worsening",
 ]

@@ -85,11 +85,13 @@ def with_stated_physics(recorded: RecordedMotion, model: NominalModel) -> Record
     if model.simulator is None or effort is None:
         return recorded
     stated = tuple(model.simulator.joints.get(name, JointPhysics()) for name in effort.names)
-    friction, damping, armature, stiffness, rest = (
+    friction, damping, armature, stiffness, rest, ramp, lead = (
         np.array([getattr(each, what) for each in stated])
-        for what in ("friction", "damping", "armature", "stiffness", "rest")
+        for what in ("friction", "damping", "armature", "stiffness", "rest", "ramp", "lead")
     )
-    added = friction * np.tanh(effort.velocity / COULOMB_TRANSITION) + damping * effort.velocity
+    soft = np.clip((effort.velocity + lead * effort.acceleration) / np.maximum(ramp, 1e-9), -1.0, 1.0)
+    against = np.where(ramp > 0.0, soft, np.tanh(effort.velocity / COULOMB_TRANSITION))
+    added = friction * against + damping * effort.velocity
     added += armature * effort.acceleration + stiffness * (effort.position - rest)
     return replace(recorded, effort=replace(effort, prediction=effort.prediction + added, stated=stated))
 

@@ -21,6 +21,8 @@ class JointPhysics:
         armature: inertia of the rotor, reflected to the joint, kg m2.
         stiffness: of a spring, N m/rad.
         rest: position at which the spring is loose, rad.
+        ramp, lead: of soft dry friction, whose force is that times (v + lead a) / ramp, with at most 1; rad/s and s.
+            Zero: it reverses at once.
     """
 
     friction: float = 0.0
@@ -28,6 +30,8 @@ class JointPhysics:
     armature: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    ramp: float = 0.0
+    lead: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:

@@ -179,9 +179,22 @@ class _Mjcf:
             armature += gear * float(getattr(model, "actuator_armature", np.zeros(model.nu))[a])
             damping += gear * float(getattr(model, "actuator_damping", np.zeros(model.nu))[a])
         stiffness, rest = float(model.jnt_stiffness[j]), float(model.qpos_spring[model.jnt_qposadr[j]])
-        return JointPhysics(
-            float(model.dof_frictionloss[dof]), damping, armature, stiffness, rest if stiffness else 0.0
-        )
+        friction = float(model.dof_frictionloss[dof])
+        ramp, lead = self._softness(dof, friction) if friction else (0.0, 0.0)
+        return JointPhysics(friction, damping, armature, stiffness, rest if stiffness else 0.0, ramp, lead)
+
+    def _softness(self, dof: int, friction: float) -> tuple[float, float]:
+        """Ramp and lead of dry friction, a constraint at velocity level ("Computation" of MuJoCo's manual)."""
+        model = self._model
+        reference, impedance = model.dof_solref[dof], np.clip(model.dof_solimp[dof][:2], 1e-4, 0.9999)
+        if reference[0] > 0.0:
+            safe = not model.opt.disableflags & int(self._mujoco.mjtDisableBit.mjDSBL_REFSAFE)
+            span = max(float(reference[0]), 2.0 * float(model.opt.timestep)) if safe else float(reference[0])
+            lead = 0.5 * span * float(impedance[1])
+        else:
+            lead = float(impedance[1]) / max(-float(reference[1]), 1e-9)
+        light = float(model.dof_invweight0[dof]) * (1.0 - float(impedance[0])) / float(impedance[0])
+        return friction * light * lead, lead
 
     def _actuators_of(self, j: int) -> list[int]:
         model, on_joint = self._model, int(self._mujoco.mjtTrn.mjTRN_JOINT)
