@@ -139,14 +139,9 @@ def scan(
     _check_depth(views, options)
     reach(0.0)
     plane, footprint, n_objects, notes = _look(views, options)
-    said = []
-    if options.refine != "never" and (share := depth_scale(views, plane, options.farthest)):
-        views = rescaled(views, share)
+    views, said = _of_true_depth(views, plane, options)
+    if said:
         plane, footprint, n_objects, notes = _look(views, options)
-        said.append(
-            f"depth is {100 * abs(share):.1f} % too {'long' if share > 0 else 'short'}, by the table's height in views"
-            " from high and low, and was corrected; calibrate the camera, or its hand-eye transform along its axis"
-        )
     reach(0.2)
     moved = 0.0
     if _wants_refinement(views, plane, options):
@@ -157,11 +152,7 @@ def scan(
         reach(0.4)
         plane, footprint, n_objects, notes = _look(views, options)
     notes += said
-    if plane.thickness > _THICK:
-        notes.append(
-            f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
-            " clocks of camera and joint_states"
-        )
+    notes += _thick(plane)
     views, footprint, surface, pushed = _fused(views, footprint, options)
     notes += pushed
     if surface.agreed < _AGREED:
@@ -174,10 +165,38 @@ def scan(
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
-    # After a push half of the views are where they were fitted to, and shapes are less certain.
-    least = HIDDEN_OFF if pushed else 0.0
-    doubt = None if hidden is None else np.append(np.zeros(len(surface.points)), np.maximum(hidden.doubt, least))
+    doubt = None if hidden is None else _doubt(len(surface.points), hidden.doubt, bool(pushed))
     return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes), doubt)
+
+
+def _doubt(n_seen: int, completed: Array, pushed: bool) -> Array:
+    """(N,) doubt of each point; that of `n_seen` points is zero.
+
+    After a push half of the views are where they were fitted to, and shapes are less certain.
+    """
+    return np.append(np.zeros(n_seen), np.maximum(completed, HIDDEN_OFF if pushed else 0.0))
+
+
+def _thick(plane: Plane) -> list[str]:
+    """A note where the table is seen too thick."""
+    if plane.thickness <= _THICK:
+        return []
+    return [
+        f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
+        " clocks of camera and joint_states"
+    ]
+
+
+def _of_true_depth(views: Sequence[View], plane: Plane, options: ScanOptions) -> tuple[Sequence[View], list[str]]:
+    """The views with their depth corrected by the table, and what was done as a note; no note: nothing was."""
+    share = depth_scale(views, plane, options.farthest) if options.refine != "never" else 0.0
+    if not share:
+        return views, []
+    note = (
+        f"depth is {100 * abs(share):.1f} % too {'long' if share > 0 else 'short'}, by the table's height in views"
+        " from high and low, and was corrected; calibrate the camera, or its hand-eye transform along its axis"
+    )
+    return rescaled(views, share), [note]
 
 
 def _fused(

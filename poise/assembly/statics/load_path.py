@@ -91,14 +91,27 @@ def follow(
     """
     compliance = float(load @ response)
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
-    slope, way, done, ahead = response / compliance, compliance * first, 0.0, _AFTER_FEW
-    guess, points, shorter, longest = rest + way * slope, [PathPoint(rest, 0.0)], 0, np.inf
-    if begin is not None:
-        points, done = [points[0], begin], float(load @ (begin.displacement - rest))
-        ahead, way = _AFTER_MANY, _AFTER_MANY * done
-        guess = begin.displacement + (way - done) * slope
-        if begin.factor >= above or flat_at(begin, done, tolerance):
-            return LoadPath(points, begin.displacement, True)
+    slope, points = response / compliance, [PathPoint(rest, 0.0)]
+    if begin is None:
+        return _followed(reach, points, slope, (0.0, compliance * first), _AFTER_FEW, above, tolerance)
+    points, done = [*points, begin], float(load @ (begin.displacement - rest))
+    if begin.factor >= above or flat_at(begin, done, tolerance):
+        return LoadPath(points, begin.displacement, True)
+    return _followed(reach, points, slope, (done, _AFTER_MANY * done), _AFTER_MANY, above, tolerance)
+
+
+def _followed(
+    reach: EquilibriumSearch,
+    points: list[PathPoint],
+    slope: Array,
+    ways: tuple[float, float],
+    ahead: float,
+    above: float,
+    tolerance: float,
+) -> LoadPath:
+    """The path on from its last point, along a slope; `ways` so far and to the first guess, `ahead` their ratio."""
+    rest, (done, way), shorter, longest = points[0].displacement, ways, 0, np.inf
+    guess = points[-1].displacement + (way - done) * slope
     for _ in range(_STEPS):
         careful = done > 0 and ahead > _SURE
         here, last = reach(guess, _MANY + 1 if careful else _MOST), points[-1]
