@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -48,21 +49,21 @@ class Polyhedron:
     def facet_triangles(self) -> list[Indices]:
         """For each facet, the (t, 3) triangles of it."""
         order = np.argsort(self.facet_of_triangle, kind="stable")
-        starts = np.searchsorted(self.facet_of_triangle[order], np.arange(1, len(self.normals)))
-        return list(np.split(self.triangles[order], starts))
+        return _groups(self.facet_of_triangle[order], self.triangles[order], len(self.normals))
 
     @cached_property
     def facet_vertices(self) -> list[Indices]:
-        """For each facet, the numbers of its vertices."""
-        return [np.unique(triangles) for triangles in self.facet_triangles]
+        """For each facet, the numbers of its vertices, ascending."""
+        pairs = np.repeat(self.facet_of_triangle, 3) * len(self.vertices) + self.triangles.ravel()
+        facet, vertex = np.divmod(np.unique(pairs), len(self.vertices))
+        return _groups(facet, vertex, len(self.normals))
 
     @cached_property
     def neighbours(self) -> list[Indices]:
         """For each vertex, the vertices at the other ends of its edges between facets."""
         both = np.concatenate([self.edges, self.edges[:, ::-1]])
         both = both[np.argsort(both[:, 0], kind="stable")]
-        starts = np.searchsorted(both[:, 0], np.arange(1, len(self.vertices)))
-        return list(np.split(both[:, 1], starts))
+        return _groups(both[:, 0], both[:, 1], len(self.vertices))
 
     @cached_property
     def inward(self) -> Array:
@@ -250,6 +251,12 @@ class Mesh:
 
     def check_size(self, where: str) -> None:
         check_range("mesh vertex", self.vertices, where)
+
+
+def _groups(number: Indices, rows: Indices, count: int) -> list[Indices]:
+    """Rows (N, ...) in groups by their ascending numbers (N,), from 0 to `count` - 1."""
+    ends = np.searchsorted(number, np.arange(count + 1)).tolist()
+    return [rows[begin:end] for begin, end in pairwise(ends)]
 
 
 def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:

@@ -133,7 +133,7 @@ def _followed(
         if here.factor >= above or collapsed or flat_at(here, way, tolerance):
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
-        longest = longest if here.steps > _MANY else longest**2
+        longest = longest if here.steps > _MANY else min(longest, _AFTER_FEW) ** 2
         ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
