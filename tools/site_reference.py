@@ -226,7 +226,8 @@ def _documented_inside() -> dict[str, list[PublicName]]:
 def _entry(each: PublicName) -> str:
     path = f"{each.face}.{each.name}"
     if each.kind == "data":
-        lines = [f".. py:data:: {path}", "", f"   {plain(_comment_of(each)) or plain(repr(each.value)[:120])}", ""]
+        text = " ".join(_comment_of(each).split()) or repr(each.value)[:120]
+        lines = [f".. py:data:: {path}", "", f"   {plain(text)}", ""]
     else:
         lines = [f".. {each.kind}:: {path}", *(["   :members:", ""] if each.kind == "autoclass" else [""])]
     if each.also:

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.part_wrench import chart
-from poise.mismatch.reading import complete_values, effort_track, recorded_from_motion
+from poise.mismatch.reading import effort_track, recorded_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
 
@@ -72,8 +72,9 @@ def with_reading(effect, at, reading):
 
 def filled(effect, at, given):
     """All parameters: those given, else the effect's defaults; linear ones without a default are zero."""
-    linear = {p.name: 0.0 for p in effect.parameters(at) if p.linear}
-    return dict(complete_values(effect, at, linear | given))
+    parameters = effect.parameters(at)
+    usual = {p.name: effect.defaults[stem] for p in parameters for stem in effect.defaults if p.name.startswith(stem)}
+    return {p.name: 0.0 for p in parameters if p.linear} | usual | given
 
 
 PLACE = {"x": 0.03, "y": -0.02, "z": 0.12}
