@@ -15,8 +15,8 @@ _STD_ERROR, _STD_NOTE = 0.5, 0.2
 """The same of the volume's deviation over the volume."""
 _INSIDE_NOTE = 0.08
 """Share of points inside the solid: of solid objects at most 0.07."""
-_LAYERS_NOTE = 0.55
-"""Spread besides the noise, over it: of random clouds with noise at most 0.5, of one with a layer inside 0.75."""
+_LAYERS_NOTE = 0.45
+"""Spread besides the noise, over it: of random clouds with noise at most 0.43, with a layer inside 0.44 to 0.8."""
 _TWO_SIDED = 0.3
 _SMALL_PIECE = 0.03
 _REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"

@@ -35,7 +35,7 @@ _FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.21, 0.01, 1.3
 """Of `_spread`: fitted so that one in twenty development clouds of benchmarks/solids.py is more than 2 sigma off."""
 _BY_INSIDE, _INSIDE = 1.2, 0.03
 """Of `_spread`, too: what points inside add, and the share of them that solid objects may have."""
-_BY_MISFIT = 0.7
+_BY_MISFIT = 1.0
 """Of it, too: share of what the points spread about the surface, besides the noise, by which all of it may be off."""
 _LEAST_KEPT = 0.03
 """Share of its volume and second moments that every part keeps, or its vertices move less."""
