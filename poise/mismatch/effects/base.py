@@ -232,6 +232,11 @@ class Effect(ABC):
         del recorded, values
         return ()
 
+    def general_at(self, start: Values) -> bool:
+        """Whether it can imitate several other effects from this starting point, see `general`."""
+        del start
+        return self.general
+
     def inert(self, values: Values) -> tuple[str, ...]:
         """Names of parameters on which the response does not depend at these values: those of another law."""
         del values

@@ -73,11 +73,12 @@ class CoulombFriction(Effect):
         common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
         for start in transitions():
             yield {**common, **start}
-        track = recorded.effort
-        if track is not None and (track.stated or track.errors_cancel):
-            # Real drives follow no engine's law: it is tried with the model of a simulator, and between two recordings.
-            soft = likely_ramps(recorded, residual)
-            yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+        soft = likely_ramps(recorded, residual)
+        yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+
+    def general_at(self, start: Values) -> bool:
+        """Real drives follow no engine's law, whose ramps can imitate other effects."""
+        return bool(start["law"])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         against = _sense(recorded, nonlinear)

@@ -260,7 +260,7 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
             family = sums.families[i]
             effect = family.effect
             # General effects are tried after all others, since they can imitate several of them.
-            if effect is None or effect.made_of or _event(sums, i) or effect.general > general:
+            if effect is None or effect.made_of or _event(sums, i) or effect.general_at(family.values) > general:
                 continue
             if family.name in names:
                 continue
@@ -336,15 +336,23 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
 
 
 def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
-    """With the best non-linear values of each effect among those tried."""
+    """With the best non-linear values of each effect among those tried; general ones must be clearly better."""
     for place, i in enumerate(chosen):
         if _event(sums, i):
             continue
         variance = _begun(sums, chosen)[1]
         alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]
-        sets = [[*chosen[:place], k, *chosen[place + 1 :]] for k in alike]
-        chosen = min(sets, key=lambda one: _relative(_error(sums, one, variance), variance))
+        scores = {}
+        for k in alike:
+            error = _relative(_error(sums, [*chosen[:place], k, *chosen[place + 1 :]], variance), variance)
+            scores[k] = error / _SIMPLER if _general(sums, k) > _general(sums, i) else error
+        chosen = [*chosen[:place], min(scores, key=scores.__getitem__), *chosen[place + 1 :]]
     return chosen
+
+
+def _general(sums: _Sums, family: int) -> bool:
+    effect = sums.families[family].effect
+    return effect is not None and effect.general_at(sums.families[family].values)
 
 
 def _replaced(problem: Problem, sums: _Sums, chosen: list[int], combined: Effect) -> list[int]:

@@ -81,3 +81,10 @@ def test_friction_that_only_reverses_otherwise_is_explained_without_a_change() -
     assert ((left**2).sum(axis=0) < 0.2 * (off**2).sum(axis=0))[seen].all()
     fast = np.abs(track.velocity) > 0.45
     assert np.abs(found[fast]).max() < 1e-9
+
+
+def test_the_law_of_engines_is_tried_after_all_others() -> None:
+    """Its ramps can imitate other effects of a real drive (the UR10 of benchmarks.real lost links and damping to them)."""
+    at, effect = effort_world(), effect_named("coulomb_friction")
+    starts = list(effect.starts(at, at.effort.measured - at.effort.prediction))
+    assert [effect.general_at(start) for start in starts] == [False] * (len(starts) - 1) + [True]
