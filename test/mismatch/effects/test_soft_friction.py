@@ -84,7 +84,7 @@ def test_friction_that_only_reverses_otherwise_is_explained_without_a_change() -
 
 
 def test_the_law_of_engines_is_tried_after_all_others() -> None:
-    """Its ramps can imitate other effects of a real drive (the UR10 of benchmarks.real lost links and damping to them)."""
+    """Its ramps can imitate other effects of a real drive: the UR10 of benchmarks.real lost links and damping."""
     at, effect = effort_world(), effect_named("coulomb_friction")
     starts = list(effect.starts(at, at.effort.measured - at.effort.prediction))
     assert [effect.general_at(start) for start in starts] == [False] * (len(starts) - 1) + [True]
