@@ -12,6 +12,7 @@ from poise.mismatch.effects import LAYERS, Effect, Values, limited_readings
 from poise.mismatch.inference.calibration import NORMAL_PRECISION, CalibrationGroup, calibration, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
+from poise.mismatch.inference.reversals import friction_known
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
@@ -190,7 +191,7 @@ class Problem:
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
     def _widened(self, recorded: RecordedMotion, group: CalibrationGroup) -> CalibrationGroup:
-        return recorded.once(("widened", group.name), group.widened) if group.lasting else group.widened()
+        return recorded.once(("widened", id(group)), group.widened) if group.lasting else group.widened()
 
     def regression(
         self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
@@ -289,6 +290,8 @@ def _begun(
     signal: Literal["wrench", "effort"],
     widened: frozenset[str] = frozenset(),
 ) -> Problem:
+    if signal == "effort" and recorded.effort is not None and friction_known(recorded.effort):
+        recorded = replace(recorded)  # its reversals are those of this prediction: the recording may have had another
     saturation = model.effect("saturation")
     stated = None if saturation is None else saturation.values
     limited = limited_readings(recorded, stated) if signal == "wrench" else None

@@ -10,7 +10,9 @@ from effect_worlds import effort_world, filled
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.base import EffectParameter
 from poise.mismatch.effects.joint_friction import likely_ramps
+from poise.mismatch.inference import effort_problem
 from poise.mismatch.inference.reversals import friction_known, reversal_columns
+from poise.mismatch.reading import NominalModel
 from poise.simulation.models import JointPhysics
 
 FRICTION = (0.8, 1.4, 0.3, 0.5, 0.9, 0.2)
@@ -88,3 +90,17 @@ def test_the_law_of_engines_is_tried_after_all_others() -> None:
     at, effect = effort_world(), effect_named("coulomb_friction")
     starts = list(effect.starts(at, at.effort.measured - at.effort.prediction))
     assert [effect.general_at(start) for start in starts] == [False] * (len(starts) - 1) + [True]
+
+
+def test_reversals_belong_to_the_prediction_of_their_problem() -> None:
+    at = effort_world()
+    track = replace(at.effort, errors_cancel=True)
+    soft = np.tanh(track.velocity / 0.02) - np.tanh(track.velocity / 0.1)
+    recorded = replace(at, effort=replace(track, measured=track.prediction + soft))
+    other = recorded.with_effort(track.prediction + soft)
+    columns = {}
+    for name, each in (("soft", recorded), ("equal", other)):
+        problem = effort_problem(each, NominalModel())
+        columns[name] = next(group for group in problem.groups(problem.recorded) if group.name == "reversals").values
+    assert np.abs(columns["soft"]).max() > 0.1
+    assert np.abs(columns["equal"]).max() < 1e-9
