@@ -146,8 +146,8 @@ class NodesRobot:
             now = node_seconds()
             if now > until and time.monotonic() > until_on_machine:
                 raise NoAnswerError(ErrorCode.DEADLINE, f"there was no {what} within {seconds:.0f} s")
-            if now > self._looked + _LOOK:
-                self._looked = now
+            if time.monotonic() > self._looked + _LOOK:  # the simulated clock stands still for a node that has ended
+                self._looked = time.monotonic()
                 if heed and node in self._check():
                     raise NodeEndedError(node)
             self._executor.spin_once(timeout_sec=_STEP)

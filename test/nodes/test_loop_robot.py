@@ -96,13 +96,15 @@ def test_a_node_that_was_killed_has_ended_although_its_watchdog_still_answers(
     robot: NodesRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(loop_robot, "_LOOK", 0.02)
+    monkeypatch.setattr(loop_robot, "node_seconds", lambda: 7.0)  # the simulated clock waits for the node
     said = PickObject.Result()
     said.error.code = int(ErrorCode.INTERNAL)
     handle, sent, answer = MagicMock(accepted=True), MagicMock(), MagicMock()
     sent.result.return_value, handle.get_result_async.return_value = handle, answer
     answer.result.return_value = SimpleNamespace(status=6, result=said)
     robot._clients["pick_object"].send_goal_async.return_value = sent
-    robot._check = lambda: ["object_picker"]
+    looks = iter([[], [], ["object_picker"]])
+    robot._check = lambda: next(looks)
     with pytest.raises(NodeEndedError):
         robot._do("pick_object")
     robot._check = lambda: []
