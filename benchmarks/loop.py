@@ -10,6 +10,7 @@ limits.
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -121,10 +122,12 @@ class _Kept:
         """Whether any commit has answered a seed."""
         return any(self._folder.glob(f"*/{seed}{self._end}"))
 
-    def keep(self, loop: dict[str, Any]) -> None:
-        """Write the result of a seed."""
+    def keep(self, loop: dict[str, Any], out: Path) -> None:
+        """Write the result of a seed; of one that is not complete the logs of its nodes, too."""
         file = self._folder / self._commit / f"{loop['seed']}{self._end}"
         file.parent.mkdir(parents=True, exist_ok=True)
+        if not loop["complete"]:
+            shutil.copytree(out, file.with_suffix(".logs"), ignore=shutil.ignore_patterns("*.mcap"), dirs_exist_ok=True)
         write_whole(file, json.dumps(loop | {"commit": self._commit, "load": os.getloadavg()[1]}, indent=1).encode())
 
     def all(self) -> list[dict[str, Any]]:
@@ -226,9 +229,9 @@ def main() -> None:
             continue
         with TemporaryDirectory() as folder:
             loop = one_loop(seed, objects, options.distance, options.shapes, options.kill, Path(folder), time_given)
+            if kept:
+                kept.keep(loop, Path(folder))
         loops.append(loop)
-        if kept:
-            kept.keep(loop)
         state = "complete" if loop["complete"] else f"not complete: {' '.join(loop['said'])}"
         console.print(f"seed {seed}: {state}{', killed ' + loop['killed'] if loop['killed'] else ''}", markup=False)
     loops = kept.all() if kept else loops

@@ -178,7 +178,7 @@ class LoopSequence:
                 "scan", "", lambda attempt: self._robot.scan(record.wanted), lambda: None, again=True
             ):
                 self._one(name)
-            self._find_lost()
+            self._look_again()
             if self._distance and record.placed:
                 left = [each.name for each in record.objects if each.outcome != "placed"]
                 record.carried = self._step(
@@ -190,24 +190,26 @@ class LoopSequence:
             record.error = error
         return record
 
-    def _find_lost(self) -> None:
-        """Look once more for what fell from the hand, and take it again.
+    def _look_again(self) -> None:
+        """Look once more for what fell from the hand, and for what the first scan did not show; take what is found.
 
         Raises:
-            PoiseError: NOT_HELD when it is not found: it may lie on the tray; as `_one`.
+            PoiseError: NOT_HELD when what fell is not found: it may lie on the tray; as `_one`.
         """
         record = self.record
         left = [each for each in record.objects if each.outcome in ("lost", "skipped")]
-        fell = {each.name: each.why for each in left if each.outcome == "lost"}
-        if not fell:
+        fell = {each.name for each in left if each.outcome == "lost"}
+        missing = max(record.wanted - len(record.objects), 0)  # objects that stood in front of it are gone now
+        if not fell and not missing:
             return
         try:
-            found = self._step("scan", "", lambda attempt: self._robot.scan(len(left)), lambda: None)
+            found = self._step("scan", "", lambda attempt: self._robot.scan(len(left) + missing), lambda: None)
         except PoiseError as error:
             if _ends(error):
                 raise
             found = []  # nothing lies on the table
-        for name in fell.keys() & found:
+        seen = {each.name for each in record.objects} - fell
+        for name in (each for each in found if each not in seen):
             record.objects = [each for each in record.objects if each.name != name]
             self._one(name)
         for each in record.objects:

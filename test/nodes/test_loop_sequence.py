@@ -76,6 +76,22 @@ def failure(code=ErrorCode.UNREACHABLE):
     return NoAnswerError(code, "not possible")
 
 
+def test_what_the_first_scan_did_not_show_is_looked_for_again():
+    robot = Robot()
+    shown = iter([NAMES[1:], NAMES])
+    robot.scan = lambda count: next(shown)
+    record = run(robot)
+    assert [each.name for each in record.placed] == ["object_2", "object_3", "object"]
+    assert record.whole
+    robot = Robot()
+    scans = iter([NAMES[:2], NAMES[:2]])  # two objects, where three are wanted
+    robot.scan = lambda count: next(scans)
+    record = run(robot)
+    assert [each.outcome for each in record.objects] == ["placed", "placed"]
+    assert record.carried is not None
+    assert not record.whole
+
+
 def test_a_loop_in_which_all_goes_well():
     robot = Robot()
     record = run(robot)
