@@ -75,3 +75,12 @@ def test_a_stated_limit_that_readings_exceed_is_not_used(healthy) -> None:
     assert limited_readings(recorded, values) is None
     states = ModelEffect("saturation", values, np.zeros((2, 2)))
     assert diagnose(recorded, replace(case.model, effects=(states,))).verdict == "none"
+
+
+def test_a_payload_that_is_lighter_within_its_tolerance_does_not_hide_the_limit(healthy) -> None:
+    """The nominal prediction is below many limited readings then; that of the calibrated fit is not."""
+    case, recorded = healthy
+    lighter = with_forces(recorded, 1.03 * recorded.wrench[:, :3])
+    limit = float(np.quantile(np.abs(lighter.wrench[:, 2]), 0.5))
+    found = diagnose(clipped(lighter, -limit, limit), case.model)
+    assert {each.effect.name for each in found.findings} == {"saturation"}

@@ -90,7 +90,8 @@ def named_effects(
 
 def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect] | None) -> list[NamedEffect]:
     """Effects that the readings show beside the prediction of the best fit, and that the model does not state so."""
-    recorded = problem.with_prediction(problem.recorded, problem.predicted(problem.recorded) + best.response)
+    expected = problem.predicted(problem.recorded) + best.response + best.calibrated
+    recorded = problem.with_prediction(problem.recorded, expected)
     found = []
     for effect in all_effects() if library is None else library:
         values = effect.detected(recorded) if effect.signal == problem.signal and effect.direct else None
