@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.load_changes import imitates_gain
 from poise.mismatch.effects.part_motion import crept
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -35,6 +36,10 @@ class SensorCreep(Effect):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return crept(recorded.seconds, recorded.prediction, nonlinear["time_constant"])[:, :, None]
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        late = self.simulate(recorded, values)
+        return super().implausible(recorded, values) or imitates_gain(recorded.prediction, late)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded

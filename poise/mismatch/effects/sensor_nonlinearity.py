@@ -3,6 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.load_changes import imitates_gain
 from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
@@ -54,7 +55,8 @@ class SensorNonlinearity(Effect):
         slope = 1.0 + 2.0 * quadratic * load + 3.0 * cubic * load**2
         i = int(np.argmin(slope.min(axis=0)))
         falls = f"the reading of {BIAS_PARAMETERS[i]} would fall with a rising load" if slope.min() <= 0.0 else ""
-        return super().implausible(recorded, values) or falls
+        bent = imitates_gain(recorded.prediction, self.simulate(recorded, values))
+        return super().implausible(recorded, values) or falls or bent
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         shares = self._shares(recorded, values)
