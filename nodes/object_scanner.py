@@ -362,7 +362,9 @@ class ObjectScanner(ArmNode):
 
             try:
                 scanned = scan_sweep(sweep, replace(how, near=point), reach, cancelled)
-                objects.append((scanned, scanned.segmented(segmentation_options(self._values))))
+                found = scanned.segmented(segmentation_options(self._values))
+                _require_substance(found, number)
+                objects.append((scanned, found))
             except InputError as error:
                 if number == 0:
                     raise _with_notes(error, len(sweep.views), notes) from error
@@ -384,6 +386,18 @@ class ObjectScanner(ArmNode):
         parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
         remarks = (*notes, *scanned.notes, *found.notes)
         return segmented_message(name, name, stamp, scanned, found, parts, remarks)
+
+
+def _require_substance(found: Segmentation, number: int) -> None:
+    """Check that what stands beside the object that was asked for (0) is more than noise between objects.
+
+    Raises:
+        InputError: EMPTY: its volume may as well be nothing.
+    """
+    solid = found.solid
+    if number > 0 and solid.volume_std > solid.volume:
+        uncertain = f"{100 * solid.volume_std / solid.volume:.0f} %"
+        raise InputError(ErrorCode.EMPTY, f"its volume, {1e6 * solid.volume:.2g} cm3, is uncertain by {uncertain}")
 
 
 def _with_notes(error: InputError, views: int, notes: list[str]) -> InputError:

@@ -170,14 +170,22 @@ class Validator:
 
         None when it stands.
         """
-        least, place = _LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
+        place = analysis.assembly.index[item.id]
         blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
-        if any(block.solvers.balance.margin * block.geometry.units.weight < least for block in blocks):
+        # Objects elsewhere may be far lighter than this one: their margins are shares of their own weight.
+        least = [_LEAST_MARGIN * min(self._weight / block.geometry.units.weight, 1.0) for block in blocks]
+        if any(block.solvers.balance.margin < share for block, share in zip(blocks, least, strict=True)):
             return FALLS
         held = (block.geometry.grasp.toarray() for block in blocks)
         if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):
             return ROLLS
-        return None if analysis.stability().margin >= least else FALLS
+        if analysis.structure.floating:
+            return FALLS
+        for block, share in zip(blocks, least, strict=True):
+            standing, known = block.solvers.standing()
+            if not known or standing.margin < share:
+                return FALLS
+        return None
 
 
 def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:

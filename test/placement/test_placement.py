@@ -43,6 +43,13 @@ CANYON = (box("left", [0.3, 0.4, 0.3], [-0.2, 0, 0.15]), box("right", [0.3, 0.4,
 CUBE = {"id": "cube", "box": [0.2, 0.2, 0.2], "mass": 3.0}
 
 
+def test_a_speck_elsewhere_does_not_turn_heavy_objects_away():
+    """It stands with a share of its own weight, which is less than the least margin of a heavy object."""
+    speck = box("speck", [0.02, 0.01, 0.004], [1.0, 0, 0.002]) | {"mass": 1e-4}
+    found = plan_placement(scene(speck), read_object(CUBE))
+    assert found.analysis.stability().margin > 0.0
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_placement_stands_and_its_least_robustness_is_that_of_its_weakest_corner(seed):
     found = plan_placement(scene(*CANYON), read_object(CUBE), Options(on="objects"), seed)
