@@ -27,6 +27,8 @@ from poise.placement.validation import UNDECIDED, KeptFree, PlacementTest, PoseT
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
+_AS_DRAWN = 30
+"""Poses that are tested as they are drawn: settling takes thirty tests, and is seldom needed where there is room."""
 _TRIES, _TESTED = 24, 3
 """Pairs of features tried on each pair of places, and poses of each draw that get the full test."""
 
@@ -237,7 +239,7 @@ class _Search:
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
                 self.iteration += 1
-                accepted = None if pose is None else self._validator.accept(pose)
+                accepted = None if pose is None else self._validator.accept(pose, self.iteration > _AS_DRAWN)
                 if pose is None:
                     self._validator.rejected[NO_FIT] += 1
                 elif accepted is None:

@@ -119,8 +119,11 @@ class Validator:
         self._size = float(np.linalg.norm(np.ptp(self.item.vertices, axis=0)))
         self._weight = self.item.mass * float(np.linalg.norm(self.analysis.assembly.gravity))
 
-    def accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
-        """The assembly with the object at this pose, or near it where it settled; None when a test turns it away."""
+    def accept(self, pose: Pose, settling: bool = True) -> tuple[Analysis, RigidObject] | None:
+        """The assembly with the object at this pose, or near it where it settled; None when a test turns it away.
+
+        `settling` False: no pose that does not stand settles, whatever the validator allows.
+        """
         there = replace(self.item, pose=pose)
         if (why := self._looks_wrong(there)) is not None:
             return self._reject(why)
@@ -130,7 +133,7 @@ class Validator:
             known = {ErrorCode.INTERPENETRATION: OVERLAPS, ErrorCode.FLOATING: APART}
             return self._reject(known.get(error.code, error.code.name.lower()))
         try:
-            standing = self._standing(_without_gaps(analysis, there), there)
+            standing = self._standing(_without_gaps(analysis, there), there, settling and self.settling)
             if isinstance(standing, str):
                 return self._reject(standing)
             if any(self.item.id in found.objects for found in rolling(standing[0])):
@@ -151,13 +154,13 @@ class Validator:
         self.rejected[why] += 1
         return None
 
-    def _standing(self, analysis: Analysis, item: RigidObject) -> tuple[Analysis, RigidObject] | str:
+    def _standing(self, analysis: Analysis, item: RigidObject, settling: bool) -> tuple[Analysis, RigidObject] | str:
         """As it is where it stands, or settled; or why neither stands safely."""
         left = unbalanced_weight(analysis, item)
         why: str | None = FALLS
         if left < BALANCE_ROUNDING and (why := self._danger(analysis, item)) is None:
             return analysis, item
-        if not self.settling or left > _ALMOST:
+        if not settling or left > _ALMOST:
             return why or FALLS
         settled = settle(analysis, item, self._size)
         if settled is None:
