@@ -86,14 +86,15 @@ class FrictionSurface:
         turning = moment / self.radius
         # Opposite loads need equal normal forces.
         azimuth = np.arctan2(force[..., 1], force[..., 0]) + np.where(turning < 0, np.pi, 0.0)
+        azimuth += np.where(azimuth < 0, 2 * np.pi, 0.0)
         flat = np.sqrt(force[..., 0] ** 2 + force[..., 1] ** 2)
-        column = (azimuth % (2 * np.pi)) * ((_TABLE - 1) / (2 * np.pi))
+        column = azimuth * ((_TABLE - 1) / (2 * np.pi))
         row = np.arctan2(np.abs(turning), flat) * ((_TABLE - 1) / (np.pi / 2))
         i, j = np.minimum(column.astype(np.intp), _TABLE - 2), np.minimum(row.astype(np.intp), _TABLE - 2)
         a, b = column - i, row - j
         table, at = self._table.ravel(), i * _TABLE + j
-        below = table[at] * (1 - b) + table[at + 1] * b
-        above = table[at + _TABLE] * (1 - b) + table[at + _TABLE + 1] * b
+        below = table.take(at) * (1 - b) + table.take(at + 1) * b
+        above = table.take(at + _TABLE) * (1 - b) + table.take(at + (_TABLE + 1)) * b
         return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
 
     def motion(self, force: Array, moment: float) -> Array:

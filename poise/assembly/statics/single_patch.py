@@ -12,6 +12,8 @@ from poise.types import Array, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
 _COARSE, _FINE = 8, 9
+_ROOT = 1e-14
+"""A violation nearer than this, in weights, is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +87,14 @@ class SinglePatch:
         normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
         centre = supply[:, 1:3] / normal[:, None]
         inward, offset = self._edges
-        slack = centre @ inward.T - offset
+        slack = inward @ centre.T - offset[:, None]  # (E, Q), as all that is looked through by edge
         moment = self._moment(supply, normal)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shrunk = np.nanmin(slack / -offset, axis=1)
-            across = inward[slack.argmin(axis=1)]
+            shrunk = np.fmin.reduce(slack / -offset[:, None])
+            across = inward[slack.argmin(axis=0)]
             along = np.stack([-across[:, 1], across[:, 0]], axis=1)
-            rates = np.abs(along @ inward.T)
-            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=1)
+            rates = np.abs(inward @ along.T)
+            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=0)
             couple = np.where(moment == 0, 0.0, np.abs(moment) * self._friction.size / reach)
         spread = self._friction.surface.normal_force_needed(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
         force = supply[:, 3:5]
@@ -115,37 +117,47 @@ class SinglePatch:
         return np.where(fastest > UNLIMITED, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
 
     def _excess(self, demand: Array, t: Array) -> Array:
-        """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""
-        supply = self._rest * (1 - t[..., None]) + demand * t[..., None]
-        normal = np.maximum(supply[..., 0], 1e-12 * self._weight)
-        needed = self._friction.surface.normal_force_needed(supply[..., 3:5], self._moment(supply, normal))
+        """(Q,) normal force wanting for friction, in weights, at rest (1 - t) + demand t; demand (6, Q)."""
+        supply = (self._rest[:, None] * (1 - t) + demand * t).T
+        normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
+        needed = self._friction.surface.normal_force_needed(supply[:, 3:5], self._moment(supply, normal))
         return np.asarray((needed - self._mu * normal) / self._weight)
 
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
-        steps = top[:, None] * np.linspace(0, 1, _COARSE + 1)[1:]
-        # Just inside the edge: at the edge the normal force may be 0.
-        steps[:, -1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
-        excess = self._excess(demand[:, None], steps)
-        over = excess > 1e-9
-        hit = over.any(axis=1)
-        first = over.argmax(axis=1)
-        rows = np.flatnonzero(hit)
-        if not len(rows):
-            return top
-        high, f_high = steps[rows, first[rows]], excess[rows, first[rows]]
-        low = np.where(first[rows] > 0, steps[rows, np.maximum(first[rows] - 1, 0)], 0.0)
-        f_low = self._excess(demand[rows], low)
+        columns, rows, end = np.ascontiguousarray(demand.T), np.arange(len(top)), top.copy()
+        low, f_low = np.zeros(len(top)), self._excess(columns, np.zeros(len(top)))
+        for step in range(1, _COARSE + 1):
+            # Just inside the edge: at the edge the normal force may be 0.
+            last = np.where(top[rows] < 1, top[rows] * (1 - 1e-9), 1.0)
+            high = top[rows] * (step / _COARSE) if step < _COARSE else last
+            f_high = self._excess(columns[:, rows], high)
+            over = f_high > 1e-9
+            hit = rows[over]
+            between = low[hit], f_low[hit], high[over], f_high[over]
+            end[hit] = self._root(columns[:, hit], *between)
+            low[rows], f_low[rows] = high, f_high
+            rows = rows[~over]
+            if not len(rows):
+                break
+        return end
+
+    def _root(self, demand: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
+        """(Q,) the last t found before which `_excess` is negative, between two (Q,) where it is not and is positive."""
+        end, rows = low.copy(), np.arange(len(low))
         for _ in range(_FINE):  # Illinois regula falsi
             middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
             middle = np.clip(middle, low, high)
-            f_middle = self._excess(demand[rows], middle)
+            f_middle = self._excess(demand[:, rows], middle)
             above = f_middle > 0
             f_low = np.where(above, f_low / 2, f_middle)
             f_high = np.where(above, f_middle, f_high / 2)
             low, high = np.where(above, low, middle), np.where(above, middle, high)
-        end = top.copy()
-        end[rows] = low
+            end[rows] = low
+            left = above | (f_middle < -_ROOT)
+            if not left.any():
+                break
+            rows, low, high, f_low, f_high = (each[left] for each in (rows, low, high, f_low, f_high))
         return end
 
     def mechanism(self, load: Array, factor: float, slips: bool) -> Array:
