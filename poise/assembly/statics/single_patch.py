@@ -7,11 +7,13 @@ import numpy as np
 from poise.assembly.contact import Interface
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED
-from poise.geometry import move_wrench
+from poise.geometry import cross, move_wrench
 from poise.types import Array, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
 _COARSE, _FINE = 8, 9
+_FEW = 50
+"""Loads up to which all steps are one array operation; of more, those after the first violation are left out."""
 _ROOT = 1e-14
 """A violation nearer than this, in weights, is found."""
 
@@ -57,7 +59,7 @@ class SinglePatch:
         about = -move_wrench(wrench, self._friction.centroid)
         force, moment = about[..., :3], about[..., 3:]
         # A force N n at x has the moment x x N n, so n x moment = N x.
-        pressure = np.cross(self._normal, moment) @ self._axes.T
+        pressure = cross(self._normal, moment) @ self._axes.T
         normal = (force @ self._normal)[..., None]
         return np.concatenate([normal, pressure, force @ self._axes.T, (moment @ self._normal)[..., None]], axis=-1)
 
@@ -126,24 +128,26 @@ class SinglePatch:
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
         columns, rows, end = np.ascontiguousarray(demand.T), np.arange(len(top)), top.copy()
-        low, f_low = np.zeros(len(top)), self._excess(columns, np.zeros(len(top)))
-        for step in range(1, _COARSE + 1):
-            # Just inside the edge: at the edge the normal force may be 0.
-            last = np.where(top[rows] < 1, top[rows] * (1 - 1e-9), 1.0)
-            high = top[rows] * (step / _COARSE) if step < _COARSE else last
-            f_high = self._excess(columns[:, rows], high)
-            over = f_high > 1e-9
-            hit = rows[over]
-            between = low[hit], f_low[hit], high[over], f_high[over]
-            end[hit] = self._root(columns[:, hit], *between)
-            low[rows], f_low[rows] = high, f_high
-            rows = rows[~over]
+        steps = np.linspace(0, 1, _COARSE + 1)[:, None] * top
+        # Just inside the edge: at the edge the normal force may be 0.
+        steps[-1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
+        found = np.empty_like(steps)
+        if len(top) <= _FEW:
+            found[:] = self._excess(np.tile(columns, len(steps)), steps.ravel()).reshape(steps.shape)
+        for step in range(_COARSE + 1):
+            if len(top) > _FEW:
+                found[step, rows] = self._excess(columns[:, rows], steps[step, rows])
+            over = found[step, rows] > 1e-9
+            hit, rows = (rows[over], rows[~over]) if step else (rows[:0], rows)
+            if len(hit):
+                before = steps[step - 1, hit], found[step - 1, hit]
+                end[hit] = self._root(columns[:, hit], *before, steps[step, hit], found[step, hit])
             if not len(rows):
                 break
         return end
 
     def _root(self, demand: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
-        """(Q,) the last t found before which `_excess` is negative, between two (Q,) where it is not and is positive."""
+        """(Q,) the last t found with no `_excess`, between one (Q,) without and one with it."""
         end, rows = low.copy(), np.arange(len(low))
         for _ in range(_FINE):  # Illinois regula falsi
             middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
@@ -174,10 +178,10 @@ class SinglePatch:
             inward, offset = self._edges
             edge = int((pressure @ inward.T - offset).argmin())
             # Turning about the edge lifts what is inside of it.
-            angular = np.cross(inward[edge] @ self._axes, self._normal)
+            angular = cross(inward[edge] @ self._axes, self._normal)
             velocity = np.zeros(3)
             pivot = self._friction.centroid + offset[edge] * inward[edge] @ self._axes
-        return np.concatenate([velocity - np.cross(angular, pivot), angular])
+        return np.concatenate([velocity - cross(angular, pivot), angular])
 
 
 def hull_edges(points: Array) -> tuple[Array, Array]:
