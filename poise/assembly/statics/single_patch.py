@@ -161,7 +161,8 @@ class SinglePatch:
             left = above | (f_middle < -_ROOT)
             if not left.any():
                 break
-            rows, low, high, f_low, f_high = (each[left] for each in (rows, low, high, f_low, f_high))
+            rows = rows[left]
+            low, high, f_low, f_high = (each[left] for each in (low, high, f_low, f_high))
         return end
 
     def mechanism(self, load: Array, factor: float, slips: bool) -> Array:
