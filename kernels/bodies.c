@@ -37,7 +37,7 @@ void bodies_add(const struct bodies *bodies, struct body_matrix *matrix, int64_t
 }
 
 /* out -= a b^T, with b^T given as rows. */
-static inline void subtract_product(double *restrict out, const double *restrict a, const double *restrict turned) {
+static POISE_INLINE void subtract_product(double *restrict out, const double *restrict a, const double *restrict turned) {
   for (int i = 0; i < SIDE; i++) {
     double sum[SIDE];
     for (int j = 0; j < SIDE; j++) sum[j] = out[SIDE * i + j];
@@ -47,7 +47,7 @@ static inline void subtract_product(double *restrict out, const double *restrict
   }
 }
 
-static void transpose(const double *a, double *out) {
+static POISE_INLINE void transpose(const double *a, double *out) {
   for (int i = 0; i < SIDE; i++)
     for (int j = 0; j < SIDE; j++) out[SIDE * j + i] = a[SIDE * i + j];
 }
@@ -92,7 +92,7 @@ static int factor_block(double *a, int64_t *exchanges) {
 
 /* Rows x of a (6, 6) become solutions of x T = a: T is upper, given as rows that are those of `t` or, where it is
    `lower`, those of its transpose. A lower T has ones on its diagonal if `plain`. */
-static void divide(double *restrict a, const double *restrict t, int lower, int plain) {
+static POISE_INLINE void divide(double *restrict a, const double *restrict t, int lower, int plain) {
   double turned[BLOCK];
   transpose(a, turned);
   for (int j = 0; j < SIDE; j++) {
@@ -117,7 +117,7 @@ static void exchange_columns(double *a, const int64_t *exchanges) {
 }
 
 /* Take what column k contributes from the columns after it. */
-static void eliminate(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
+static POISE_INLINE void eliminate(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
   const int64_t first = bodies->starts[k], last = bodies->starts[k + 1];
   double turned[BLOCK], turned_lower[BLOCK] = {0.0};
   for (int64_t b = first; b < last; b++) {
@@ -134,7 +134,7 @@ static void eliminate(const struct bodies *bodies, struct body_matrix *matrix, i
   }
 }
 
-int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
+POISE_WIDE int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
   for (int64_t k = 0; k < bodies->count; k++) {
     double *pivot = matrix->diagonal + BLOCK * k;
     int64_t *exchanges = matrix->exchanges + SIDE * k;
@@ -154,7 +154,7 @@ int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
 }
 
 /* out (6) -= a x */
-static inline void subtract_applied(const double *restrict a, const double *restrict x, double *restrict out) {
+static POISE_INLINE void subtract_applied(const double *restrict a, const double *restrict x, double *restrict out) {
   for (int i = 0; i < SIDE; i++) {
     const double *row = a + SIDE * i;
     out[i] -= (row[0] * x[0] + row[1] * x[1]) + (row[2] * x[2] + row[3] * x[3]) + (row[4] * x[4] + row[5] * x[5]);
@@ -162,12 +162,12 @@ static inline void subtract_applied(const double *restrict a, const double *rest
 }
 
 /* out (6) -= a^T x */
-static inline void subtract_turned(const double *restrict a, const double *restrict x, double *restrict out) {
+static POISE_INLINE void subtract_turned(const double *restrict a, const double *restrict x, double *restrict out) {
   for (int j = 0; j < SIDE; j++)
     for (int i = 0; i < SIDE; i++) out[i] -= a[SIDE * j + i] * x[j];
 }
 
-void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix, double *right) {
+POISE_WIDE void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix, double *right) {
   const int plain = matrix->upper != NULL;
   for (int64_t k = 0; k < bodies->count; k++) {
     const double *pivot = matrix->diagonal + BLOCK * k;

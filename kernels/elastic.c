@@ -49,12 +49,19 @@ static void spring_force(const struct elastic *contacts, int64_t p, const double
                          double *force) {
   const double k = contacts->stiffness[p];
   for (int i = 0; i < 3; i++) force[i] = -k * motion[i];
-  if (!(force[0] > 0.0)) force[0] = 0.0;
+  if (!(force[0] > 0.0)) {
+    force[0] = 0.0;
+    if (!bound) { /* open: no friction either */
+      force[1] = force[2] = 0.0;
+      return;
+    }
+  }
   const double limit = bound ? bound[p] : contacts->friction[p] * force[0];
-  const double size = sqrt(force[1] * force[1] + force[2] * force[2]);
-  if (size > limit) {
-    force[1] *= limit / size;
-    force[2] *= limit / size;
+  const double square = force[1] * force[1] + force[2] * force[2];
+  if (square > limit * limit) {
+    const double share = limit / sqrt(square);
+    force[1] *= share;
+    force[2] *= share;
   }
 }
 
@@ -115,7 +122,7 @@ static void spring_stiffness(const struct elastic *contacts, int64_t p, const do
   own[2][0] = -contacts->friction[p] * k * second;
 }
 
-static void assemble(const struct elastic *contacts, const double *relative, const double *bounds, double damping,
+POISE_WIDE static void assemble(const struct elastic *contacts, const double *relative, const double *bounds, double damping,
                      struct body_matrix *matrix) {
   bodies_clear(&contacts->bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {

@@ -38,10 +38,10 @@ def plane_axes(normals: Array) -> Array:
 def wrench_of_force(force: Array, point: Array) -> Array:
     """(..., 6) force, and its moment about the origin, of forces (..., 3) at points (..., 3)."""
     force, point = np.broadcast_arrays(force, point)
-    return np.concatenate([force, np.cross(point, force)], axis=-1)
+    return np.concatenate([force, cross(point, force)], axis=-1)
 
 
 def move_wrench(wrench: Array, origin: Array) -> Array:
     """(..., 6) wrenches with their moments taken about another origin (3,)."""
     force = wrench[..., :3]
-    return np.concatenate([force, wrench[..., 3:] - np.cross(origin, force)], axis=-1)
+    return np.concatenate([force, wrench[..., 3:] - cross(np.asarray(origin), force)], axis=-1)

@@ -128,3 +128,16 @@ def test_all_questions_refuse_what_floats():
         with pytest.raises(InputError) as caught:
             ask()
         assert caught.value.code is ErrorCode.FLOATING
+
+
+def test_many_pushes_on_single_bodies_hold_the_weaker_of_limit_analysis_and_patches():
+    """`default` asks limit analysis only where it may hold less, many loads at once; both models answer one by one."""
+    places = np.random.default_rng(5).uniform((-0.2, 0.8), (0.2, 0.99), (60, 2)).tolist()
+    pushes, analysis = [Push("cube", (-0.5, y, z), (1, 0, 0)) for y, z in places], Analysis.of(scenes.cube())
+    found, limit, patch = (assess(analysis, pushes, model).results for model in ("default", "limit", "patch"))
+    weaker = [min(one.robustness, other.robustness) for one, other in zip(limit, patch, strict=True)]
+    assert [each.robustness for each in found] == pytest.approx(weaker, rel=1e-6)
+    assert [each.lower for each in found] == pytest.approx(weaker, rel=1e-6)
+    by_limit = [one.robustness < 0.999 * other.robustness for one, other in zip(limit, patch, strict=True)]
+    assert 0 < sum(by_limit) < len(pushes), "both models decide"
+    assert all(each.moves for each in found if np.isfinite(each.robustness))

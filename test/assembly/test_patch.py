@@ -151,3 +151,12 @@ def test_what_weighs_nothing_makes_no_number_infinite(points):
     for values in (cells.weights, cells.places, cells.spins):
         assert np.isfinite(values).all()
     assert cells.weights.sum() == pytest.approx(1.0)
+
+
+def test_the_normal_force_for_one_load_is_that_for_many():
+    rng = np.random.default_rng(3)
+    surface = FrictionSurface(rectangle(0.4, 0.1)[::97], np.full(len(rectangle(0.4, 0.1)[::97]), 97 / FINE**2))
+    loads = rng.normal(size=(50, 3))
+    loads[:4] = [[1, 0, 0], [-1, 0, -1], [0, -1, 0], [0, 0, -1]]
+    many = surface.normal_force_needed(loads[:, :2], loads[:, 2])
+    assert [surface.normal_force_needed_for(*load) for load in loads.tolist()] == pytest.approx(many, rel=1e-12)

@@ -23,6 +23,9 @@ CHECKED_SHARE = 0.98
 CHECKED_WEIGHTS = 1000.0
 """Loads without limit are checked at this many weights of the assembly."""
 
+_AT_ONCE = 200
+"""Loads on a single body that limit analysis is asked about between two looks at the deadline: some milliseconds."""
+
 
 def limit_factors(block: BlockAnalysis, load: Array) -> list[InverseLoadFactor]:
     """By limit analysis alone."""
@@ -128,10 +131,43 @@ def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: I
         return
     wrenches = block.geometry.units.wrench(loads)
     found = single.collapse(wrenches)
-    for row in np.flatnonzero(np.isfinite(found.factor)).tolist():
-        factor = float(found.factor[row])
-        mechanism = PatchMechanism(block, single, wrenches[row], factor, bool(found.slips[row]))
-        limit_loads.limit_by(int(questions[row]), factor, factor, mechanism)
+    factors, slips = found.factor.tolist(), found.slips.tolist()
+
+    def mechanism(row: int) -> PatchMechanism:
+        return PatchMechanism(block, single, wrenches[row], factors[row], slips[row])
+
+    limit_loads.limit_by_all(questions, found.factor, found.factor, mechanism)
+
+
+def ask_single_limit(
+    limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array, deadline: Deadline
+) -> None:
+    """Ask limit analysis about a block of one body on one interface, as far as it may hold less than what is known.
+
+    Args:
+        limit_loads: with what patches of all such blocks hold. Other blocks, and loads that limit analysis surely
+            holds at that, are skipped.
+        block, questions, loads, deadline: as `ask_block` takes them.
+    """
+    single = block.solvers.single_patch
+    if single is None:
+        return
+    known = limit_loads.upper[questions]
+    rows = np.flatnonzero(~single.allowed_by_limit(block.geometry.units.wrench(loads), known))
+    for start in range(0, len(rows), _AT_ONCE):
+        some = rows[start : start + _AT_ONCE]
+        if deadline.passed:
+            limit_loads.give_up(questions[rows[start:]])
+            return
+        _ask_limit(limit_loads, block, questions[some], loads[some])
+
+
+def _ask_limit(limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
+    with np.errstate(divide="ignore"):
+        found = block.solvers.limit.inverse_factors(loads, 1 / limit_loads.upper[questions])
+        bounded = found.value > UNLIMITED * np.abs(loads).max(axis=1)
+        lower, upper = (np.where(bounded, 1 / inverse, np.inf) for inverse in (found.upper, found.value))
+    limit_loads.limit_by_all(questions, lower, upper, lambda row: Mechanism(block, found.twist[row]))
 
 
 def coupled_questions(analysis: Analysis, loads: Loads) -> Mask:

@@ -1,12 +1,13 @@
 """What a model returns: for each question the load factor at collapse, its bounds, and the mechanism."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 
 class Movement(Protocol):
@@ -58,6 +59,15 @@ class LimitLoads:
             self.upper[question] = upper
             self.mechanisms[question] = mechanism
         self.lower[question] = min(self.lower[question], lower)
+
+    def limit_by_all(
+        self, questions: Indices, lower: Array, upper: Array, mechanism: Callable[[int], Movement]
+    ) -> None:
+        """The same for different questions (q,) at once; `mechanism` is called with the rows at which one is kept."""
+        for row in np.flatnonzero(upper < self.upper[questions]).tolist():
+            self.mechanisms[questions[row]] = mechanism(row)
+        self.upper[questions] = np.minimum(self.upper[questions], upper)
+        self.lower[questions] = np.minimum(self.lower[questions], lower)
 
     def give_up(self, questions: NDArray[np.int64]) -> None:
         """Record that there was no time for these questions: their lower bounds become 0."""

@@ -32,19 +32,19 @@ class Units:
     def of_wrench(self, wrench: Array) -> Array:
         """Wrenches (..., 6) about the world's origin, N and N m, in these units."""
         force = wrench[..., :3]
-        moment = (wrench[..., 3:] - np.cross(self.origin, force)) / self.length
+        moment = (wrench[..., 3:] - cross(self.origin, force)) / self.length
         return np.concatenate([force, moment], axis=-1) / self.weight
 
     def wrench(self, scaled: Array) -> Array:
         """The inverse of `of_wrench`."""
         force = scaled[..., :3] * self.weight
-        moment = scaled[..., 3:] * (self.weight * self.length) + np.cross(self.origin, force)
+        moment = scaled[..., 3:] * (self.weight * self.length) + cross(self.origin, force)
         return np.concatenate([force, moment], axis=-1)
 
     def of_velocity(self, velocity: Array) -> Array:
         """The inverse of `velocity`."""
         angular = velocity[..., 3:]
-        return np.concatenate([velocity[..., :3] + np.cross(angular, self.origin), angular * self.length], axis=-1)
+        return np.concatenate([velocity[..., :3] + cross(angular, self.origin), angular * self.length], axis=-1)
 
     def velocity(self, twist: Array) -> Array:
         """Twists (..., 6) as velocity of the body's point at the world's origin, m/s, and angular velocity, rad/s.
@@ -52,7 +52,7 @@ class Units:
         A twist times a wrench, both in these units, is the power in W divided by the weight.
         """
         angular = twist[..., 3:] / self.length
-        return np.concatenate([twist[..., :3] - np.cross(angular, self.origin), angular], axis=-1)
+        return np.concatenate([twist[..., :3] - cross(angular, self.origin), angular], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

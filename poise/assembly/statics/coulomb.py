@@ -4,6 +4,7 @@ Limit analysis asks whether contact forces in balance exist. Between two walls t
 nothing presses the walls to the cube. Here normal forces arise only where bodies are pushed into each other.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -175,10 +176,10 @@ class CoulombBlock:
         """
         if deadline.passed:
             return ElasticFactor(0.0, False)
-        rest, gravity = self.rest, self.geometry.gravity.ravel()
+        rest = self.rest
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
-        most, weight = min(above, expected), float(np.linalg.norm(gravity))
+        most, weight = min(above, expected), self._weight
 
         def reach(start: Array, steps: int) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, steps, deadline)
@@ -211,7 +212,7 @@ class CoulombBlock:
         Returns:
             None where none was found, or less than the `least` factor.
         """
-        rest, weight = self.rest.displacement, float(np.linalg.norm(self.geometry.gravity))
+        rest, weight = self.rest.displacement, self._weight
 
         def reach(start: Array, steps: int) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, steps, deadline)
@@ -233,10 +234,19 @@ class CoulombBlock:
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
-        loads = np.linalg.norm(load.reshape(-1, 6), axis=1)
-        loads = np.maximum(loads, np.linalg.norm(self.geometry.gravity, axis=1))
-        least = _LEAST_LOAD * float(np.linalg.norm(loads)) or 1.0
-        return float((np.linalg.norm(part.reshape(-1, 6), axis=1) / np.maximum(loads, least)).max())
+        squares = np.maximum(_squares(load), self._weight_squares)
+        least = _LEAST_LOAD**2 * float(squares.sum()) or 1.0
+        return math.sqrt(float((_squares(part) / np.maximum(squares, least)).max()))
+
+    @cached_property
+    def _weight_squares(self) -> Array:
+        """(n,) squared size of the load of each body at rest."""
+        return _squares(self.geometry.gravity)
+
+    @cached_property
+    def _weight(self) -> float:
+        """Size of all loads at rest."""
+        return math.sqrt(float(self._weight_squares.sum()))
 
     def _glued(self, load: Array) -> Array:
         """(6 n,) displacement when nothing opens or slips."""
@@ -271,7 +281,7 @@ class CoulombBlock:
     def _reach(self, load: Array, start: Array, steps: int, deadline: Deadline) -> PathPoint | None:
         """The equilibrium at which a load has the power that it has at the start; None where none is found."""
         gravity, compiled = self.geometry.gravity.ravel(), self.contacts.compiled
-        enough = _SETTLED / 10 * (float(np.linalg.norm(gravity)) or 1.0)
+        enough = _SETTLED / 10 * (self._weight or 1.0)
         if compiled is not None:
             u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, steps, deadline)
         else:
@@ -279,7 +289,7 @@ class CoulombBlock:
             u, left, steps = self._steps(goal, start, enough, steps, deadline)
             factor, compliance = goal.factor, goal.compliance
         total = gravity + factor * load
-        size = max(float(np.linalg.norm(total)), float(np.linalg.norm(gravity)))
+        size = max(math.sqrt(float(total @ total)), self._weight)
         if left > _SETTLED * size and (left > _REACHED * size or self._share(self._left(u, total), total) > _REACHED):
             return None
         held = self._share(self.contacts.catch * u, total) <= _CARRIED
@@ -326,6 +336,12 @@ class CoulombBlock:
                 if damping > 10:
                     break
         return u, value, step
+
+
+def _squares(load: Array) -> Array:
+    """(n,) squared size of the part (6,) of each body in a load (6 n,)."""
+    rows = load.reshape(-1, 6)
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))
 
 
 @dataclass(eq=False)

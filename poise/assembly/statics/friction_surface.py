@@ -1,5 +1,6 @@
 """Friction of a patch under uniform pressure: its limit surface over sliding and turning in its plane."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -86,15 +87,32 @@ class FrictionSurface:
         turning = moment / self.radius
         # Opposite loads need equal normal forces.
         azimuth = np.arctan2(force[..., 1], force[..., 0]) + np.where(turning < 0, np.pi, 0.0)
+        azimuth += np.where(azimuth < 0, 2 * np.pi, 0.0)
         flat = np.sqrt(force[..., 0] ** 2 + force[..., 1] ** 2)
-        column = (azimuth % (2 * np.pi)) * ((_TABLE - 1) / (2 * np.pi))
+        column = azimuth * ((_TABLE - 1) / (2 * np.pi))
         row = np.arctan2(np.abs(turning), flat) * ((_TABLE - 1) / (np.pi / 2))
         i, j = np.minimum(column.astype(np.intp), _TABLE - 2), np.minimum(row.astype(np.intp), _TABLE - 2)
         a, b = column - i, row - j
         table, at = self._table.ravel(), i * _TABLE + j
-        below = table[at] * (1 - b) + table[at + 1] * b
-        above = table[at + _TABLE] * (1 - b) + table[at + _TABLE + 1] * b
+        below = table.take(at) * (1 - b) + table.take(at + 1) * b
+        above = table.take(at + _TABLE) * (1 - b) + table.take(at + (_TABLE + 1)) * b
         return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
+
+    def normal_force_needed_for(self, along: float, across: float, moment: float) -> float:
+        """The same for one force: arrays of one number take ten times as long."""
+        turning, flat = moment / self.radius, math.hypot(along, across)
+        azimuth = math.atan2(across, along) + (math.pi if turning < 0 else 0.0)
+        column = (azimuth % (2 * math.pi)) * ((_TABLE - 1) / (2 * math.pi))
+        row = math.atan2(abs(turning), flat) * ((_TABLE - 1) / (math.pi / 2))
+        i, j = min(int(column), _TABLE - 2), min(int(row), _TABLE - 2)
+        a, b = column - i, row - j
+        below, above = (line[j] * (1 - b) + line[j + 1] * b for line in self._rows[i : i + 2])
+        return math.hypot(flat, turning) * (below * (1 - a) + above * a)
+
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        found: list[list[float]] = self._table.tolist()
+        return found
 
     def motion(self, force: Array, moment: float) -> Array:
         """(3,) velocity of the centroid and turning rate with which the patch slips under a load."""

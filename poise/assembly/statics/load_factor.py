@@ -32,6 +32,15 @@ class InverseLoadFactor:
     multipliers: Array | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class InverseLoadFactors:
+    """`InverseLoadFactor` of Q loads: value (Q,), upper (Q,), twist (Q, 6 n)."""
+
+    value: Array
+    upper: Array
+    twist: Array
+
+
 class LoadFactorProgram:
     """Inverse load factors of any number of loads on one block.
 
@@ -69,3 +78,19 @@ class LoadFactorProgram:
             return InverseLoadFactor(np.inf, np.inf, found.motion / (found.motion @ load))
         lower, upper = found.value * size, found.upper * size
         return InverseLoadFactor(max(lower, 0.0), max(upper, lower, 0.0), found.motion, found.multipliers * size)
+
+    def inverse_factors(self, loads: Array, enough: Array) -> InverseLoadFactors:
+        """The same of loads (Q, 6 n) at once; bounds of at most `enough` (Q,) need not be any closer.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        sizes = np.abs(loads).max(axis=1, initial=0.0)
+        scale = np.where(sizes > 0, sizes, 1.0)
+        found = self._program.solve_all(loads / scale[:, None], enough / scale)
+        lower = np.maximum(found.value * sizes, 0.0)
+        factors = InverseLoadFactors(lower, np.maximum(found.upper * sizes, lower), found.motion)
+        for row in np.flatnonzero(~found.solved).tolist():
+            one = self.inverse_factor(loads[row], float(enough[row]))
+            factors.value[row], factors.upper[row], factors.twist[row] = one.value, one.upper, one.twist
+        return factors

@@ -4,6 +4,7 @@ The power of the load on the displacement is set, and the factor of the load is 
 displacement grows under a load that does not: there a given factor has no equilibrium, or many; a given power has one.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -90,7 +91,7 @@ def follow(
         begin: an equilibrium to begin at; None: at rest.
     """
     compliance = float(load @ response)
-    first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (float(np.linalg.norm(load)) or 1.0))
+    first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (math.sqrt(float(load @ load)) or 1.0))
     slope, points = response / compliance, [PathPoint(rest, 0.0)]
     if begin is None:
         return _followed(reach, points, slope, (0.0, compliance * first), _AFTER_FEW, above, tolerance)
@@ -116,7 +117,7 @@ def _followed(
         careful = done > 0 and ahead > _SURE
         here, last = reach(guess, _MANY + 1 if careful else _MOST), points[-1]
         if here is None or (careful and here.steps > _MANY):
-            ahead = longest = float(np.sqrt(ahead))
+            ahead = longest = math.sqrt(ahead)
             if ahead < _LEAST_GROWTH:
                 return LoadPath(points, last.displacement, False)
             way = done * ahead if done else way / 4
@@ -129,7 +130,7 @@ def _followed(
             guess = rest + way * slope
             continue
         points.append(here)
-        collapsed = done and here.factor - last.factor <= tolerance * here.factor * np.log2(way / done)
+        collapsed = done and here.factor - last.factor <= tolerance * here.factor * math.log2(way / done)
         if here.factor >= above or collapsed or flat_at(here, way, tolerance):
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)

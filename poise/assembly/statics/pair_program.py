@@ -13,7 +13,7 @@ from poise.assembly.statics.block import Sparse, assembled
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
 from poise.kernels import COMPILED, CompiledConeProgram
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +105,21 @@ class PairSolution:
     multipliers: Array
 
 
+@dataclass(frozen=True, eq=False)
+class PairSolutions:
+    """`PairSolution` of Q loads, without multipliers.
+
+    Args:
+        solved: (Q,) whether the rest was found.
+        value, upper: (Q,). motion: (Q, 6 n).
+    """
+
+    solved: Mask
+    value: Array
+    upper: Array
+    motion: Array
+
+
 class PairProgram:
     """max load @ y over the motions that the rows allow, for any number of loads; not to be shared between threads.
 
@@ -161,6 +176,17 @@ class PairProgram:
                 value, upper = float(found.value[0]), float(found.upper[0])
                 return PairSolution(Outcome.SOLVED, value, upper, motion, multipliers)
         return self._solved_directly(load)
+
+    def solve_all(self, loads: Array, enough: Array) -> PairSolutions:
+        """Solve for loads (Q, 6 n) in one call of the kernel; what it does not solve is left to `solve`."""
+        finite = np.isfinite(loads).all(axis=1)
+        if not COMPILED or not finite.all():
+            none = np.zeros(len(loads))
+            return PairSolutions(np.zeros(len(loads), dtype=bool), none, none.copy(), np.zeros_like(loads))
+        found = self._compiled.solve(loads[:, self.order.entries], enough)
+        motion = np.empty_like(loads)
+        motion[:, self.order.entries] = found.motion
+        return PairSolutions(found.outcome == 0, found.value, found.upper, motion)
 
     def _solved_directly(self, load: Array) -> PairSolution:
         """By Clarabel."""

@@ -150,8 +150,8 @@ class PatchProgram:
         # Those that are not within the simple bound may still be within the limit surface.
         for i in over.tolist():
             friction = self._frictions[i]
-            moment = np.asarray(turning[i] * self._geometry.units.length / friction.size)
-            needed = friction.surface.normal_force_needed(np.array([fu[i], fv[i]]), moment)
+            moment = float(turning[i]) * self._geometry.units.length / friction.size
+            needed = friction.surface.normal_force_needed_for(float(fu[i]), float(fv[i]), moment)
             if needed > self._mu[i] * total[i] * (1 + 1e-3) + _PRESSED:
                 return False
         return True

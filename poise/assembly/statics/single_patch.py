@@ -7,11 +7,15 @@ import numpy as np
 from poise.assembly.contact import Interface
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED
-from poise.geometry import move_wrench
+from poise.geometry import cross, move_wrench
 from poise.types import Array, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
 _COARSE, _FINE = 8, 9
+_FEW = 50
+"""Loads up to which all steps are one array operation; of more, those after the first violation are left out."""
+_ROOT = 1e-14
+"""A violation nearer than this, in weights, is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ class SinglePatch:
         about = -move_wrench(wrench, self._friction.centroid)
         force, moment = about[..., :3], about[..., 3:]
         # A force N n at x has the moment x x N n, so n x moment = N x.
-        pressure = np.cross(self._normal, moment) @ self._axes.T
+        pressure = cross(self._normal, moment) @ self._axes.T
         normal = (force @ self._normal)[..., None]
         return np.concatenate([normal, pressure, force @ self._axes.T, (moment @ self._normal)[..., None]], axis=-1)
 
@@ -85,14 +89,14 @@ class SinglePatch:
         normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
         centre = supply[:, 1:3] / normal[:, None]
         inward, offset = self._edges
-        slack = centre @ inward.T - offset
+        slack = inward @ centre.T - offset[:, None]  # (E, Q), as all that is looked through by edge
         moment = self._moment(supply, normal)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shrunk = np.nanmin(slack / -offset, axis=1)
-            across = inward[slack.argmin(axis=1)]
+            shrunk = np.fmin.reduce(slack / -offset[:, None])
+            across = inward[slack.argmin(axis=0)]
             along = np.stack([-across[:, 1], across[:, 0]], axis=1)
-            rates = np.abs(along @ inward.T)
-            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=1)
+            rates = np.abs(inward @ along.T)
+            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=0)
             couple = np.where(moment == 0, 0.0, np.abs(moment) * self._friction.size / reach)
         spread = self._friction.surface.normal_force_needed(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
         force = supply[:, 3:5]
@@ -115,37 +119,50 @@ class SinglePatch:
         return np.where(fastest > UNLIMITED, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
 
     def _excess(self, demand: Array, t: Array) -> Array:
-        """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""
-        supply = self._rest * (1 - t[..., None]) + demand * t[..., None]
-        normal = np.maximum(supply[..., 0], 1e-12 * self._weight)
-        needed = self._friction.surface.normal_force_needed(supply[..., 3:5], self._moment(supply, normal))
+        """(Q,) normal force wanting for friction, in weights, at rest (1 - t) + demand t; demand (6, Q)."""
+        supply = (self._rest[:, None] * (1 - t) + demand * t).T
+        normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
+        needed = self._friction.surface.normal_force_needed(supply[:, 3:5], self._moment(supply, normal))
         return np.asarray((needed - self._mu * normal) / self._weight)
 
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
-        steps = top[:, None] * np.linspace(0, 1, _COARSE + 1)[1:]
+        columns, rows, end = np.ascontiguousarray(demand.T), np.arange(len(top)), top.copy()
+        steps = np.linspace(0, 1, _COARSE + 1)[:, None] * top
         # Just inside the edge: at the edge the normal force may be 0.
-        steps[:, -1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
-        excess = self._excess(demand[:, None], steps)
-        over = excess > 1e-9
-        hit = over.any(axis=1)
-        first = over.argmax(axis=1)
-        rows = np.flatnonzero(hit)
-        if not len(rows):
-            return top
-        high, f_high = steps[rows, first[rows]], excess[rows, first[rows]]
-        low = np.where(first[rows] > 0, steps[rows, np.maximum(first[rows] - 1, 0)], 0.0)
-        f_low = self._excess(demand[rows], low)
+        steps[-1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
+        found = np.empty_like(steps)
+        if len(top) <= _FEW:
+            found[:] = self._excess(np.tile(columns, len(steps)), steps.ravel()).reshape(steps.shape)
+        for step in range(_COARSE + 1):
+            if len(top) > _FEW:
+                found[step, rows] = self._excess(columns[:, rows], steps[step, rows])
+            over = found[step, rows] > 1e-9
+            hit, rows = (rows[over], rows[~over]) if step else (rows[:0], rows)
+            if len(hit):
+                before = steps[step - 1, hit], found[step - 1, hit]
+                end[hit] = self._root(columns[:, hit], *before, steps[step, hit], found[step, hit])
+            if not len(rows):
+                break
+        return end
+
+    def _root(self, demand: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
+        """(Q,) the last t found with no `_excess`, between one (Q,) without and one with it."""
+        end, rows = low.copy(), np.arange(len(low))
         for _ in range(_FINE):  # Illinois regula falsi
             middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
             middle = np.clip(middle, low, high)
-            f_middle = self._excess(demand[rows], middle)
+            f_middle = self._excess(demand[:, rows], middle)
             above = f_middle > 0
             f_low = np.where(above, f_low / 2, f_middle)
             f_high = np.where(above, f_middle, f_high / 2)
             low, high = np.where(above, low, middle), np.where(above, middle, high)
-        end = top.copy()
-        end[rows] = low
+            end[rows] = low
+            left = above | (f_middle < -_ROOT)
+            if not left.any():
+                break
+            rows = rows[left]
+            low, high, f_low, f_high = (each[left] for each in (low, high, f_low, f_high))
         return end
 
     def mechanism(self, load: Array, factor: float, slips: bool) -> Array:
@@ -162,10 +179,10 @@ class SinglePatch:
             inward, offset = self._edges
             edge = int((pressure @ inward.T - offset).argmin())
             # Turning about the edge lifts what is inside of it.
-            angular = np.cross(inward[edge] @ self._axes, self._normal)
+            angular = cross(inward[edge] @ self._axes, self._normal)
             velocity = np.zeros(3)
             pivot = self._friction.centroid + offset[edge] * inward[edge] @ self._axes
-        return np.concatenate([velocity - np.cross(angular, pivot), angular])
+        return np.concatenate([velocity - cross(angular, pivot), angular])
 
 
 def hull_edges(points: Array) -> tuple[Array, Array]:
