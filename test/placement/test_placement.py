@@ -152,7 +152,7 @@ def test_where_an_object_settled_is_looked_at_again(monkeypatch):
     room = KeptFree(np.array([-0.4, -0.3, 0.0]), np.array([-0.32, 0.3, 1.0]))
     validator = Validator(Analysis.of(scene(*CANYON)), there, looks=(("is to stay free", room),))
     assert validator.accept(there.pose) is not None
-    monkeypatch.setattr(validator, "_standing", lambda analysis, _: (analysis, sunk))
+    monkeypatch.setattr(validator, "_standing", lambda analysis, *_: (analysis, sunk))
     assert validator.accept(there.pose) is None
     assert validator.rejected == {"is to stay free": 1}
 
