@@ -36,6 +36,7 @@ from poise.nodes.parameters import declare_parameters
 from poise.nodes.readiness import Readiness
 from poise.nodes.request_checks import newer_description
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, end_goal, guarded, to_message
+from poise.nodes.scanned_object import with_notes
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.sweep_execution import Motion, SweepExecution, motion_of_file
 from poise.nodes.sweep_planning import PLANNED, SweepPlanner
@@ -363,11 +364,12 @@ class ObjectScanner(ArmNode):
             try:
                 scanned = scan_sweep(sweep, replace(how, near=point), reach, cancelled)
                 found = scanned.segmented(segmentation_options(self._values))
-                _require_substance(found, number)
+                if number:  # what was asked for is answered in any case
+                    found.solid.require_substance()
                 objects.append((scanned, found))
             except InputError as error:
                 if number == 0:
-                    raise _with_notes(error, len(sweep.views), notes) from error
+                    raise with_notes(error, len(sweep.views), notes) from error
                 notes.append(f"what is at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
@@ -386,23 +388,6 @@ class ObjectScanner(ArmNode):
         parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
         remarks = (*notes, *scanned.notes, *found.notes)
         return segmented_message(name, name, stamp, scanned, found, parts, remarks)
-
-
-def _require_substance(found: Segmentation, number: int) -> None:
-    """Check that what stands beside the object that was asked for (0) is more than noise between objects.
-
-    Raises:
-        InputError: EMPTY: its volume may as well be nothing.
-    """
-    solid = found.solid
-    if number > 0 and solid.volume_std > solid.volume:
-        uncertain = f"{100 * solid.volume_std / solid.volume:.0f} %"
-        raise InputError(ErrorCode.EMPTY, f"its volume, {1e6 * solid.volume:.2g} cm3, is uncertain by {uncertain}")
-
-
-def _with_notes(error: InputError, views: int, notes: list[str]) -> InputError:
-    """The error, with how much was seen."""
-    return InputError(error.code, "; ".join([error.message, f"{views} views were used", *notes]), **error.data)
 
 
 def main(args: list[str] | None = None) -> None:

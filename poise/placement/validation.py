@@ -122,7 +122,7 @@ class Validator:
     def accept(self, pose: Pose, settling: bool = True) -> tuple[Analysis, RigidObject] | None:
         """The assembly with the object at this pose, or near it where it settled; None when a test turns it away.
 
-        `settling` False: no pose that does not stand settles, whatever the validator allows.
+        `settling` False: poses that do not stand are turned away, although the validator lets them settle.
         """
         there = replace(self.item, pose=pose)
         if (why := self._looks_wrong(there)) is not None:

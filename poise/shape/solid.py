@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from poise.errors import ErrorCode, InputError
 from poise.types import Array, Indices
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -31,6 +32,16 @@ class Solid:
     def volumes(self) -> Array:
         """(T,) m3; negative where a tetrahedron is inside out."""
         return tetrahedron_volumes(self.vertices[self.tetrahedra])
+
+    def require_substance(self) -> None:
+        """Check that it is more than noise.
+
+        Raises:
+            InputError: EMPTY: its volume is uncertain by more than itself.
+        """
+        if self.volume_std > self.volume:
+            uncertain = f"{100 * self.volume_std / max(self.volume, 1e-12):.0f} %"
+            raise InputError(ErrorCode.EMPTY, f"its volume, {1e6 * self.volume:.2g} cm3, is uncertain by {uncertain}")
 
     @cached_property
     def centroids(self) -> Array:

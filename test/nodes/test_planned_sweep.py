@@ -1,7 +1,6 @@
 """A sweep that the scanner plans for the table of the assembly: the fake robot's camera sees what stands there."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -16,11 +15,11 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject, write_scene
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.manipulation import Arm
 from poise.nodes.assembly_message import assembly_message, object_message
-from poise.nodes.object_scanner import ObjectScanner, _require_substance
+from poise.nodes.object_scanner import ObjectScanner
 from poise.nodes.placed_arm import assumed_base
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC
 from poise.recording import Image, stamp_of
@@ -118,11 +117,3 @@ def test_a_camera_that_pauses_does_not_end_a_sweep() -> None:
     session.add_depth(Image(8 * 10**9, "camera", "16UC1", np.ones((2, 2), np.uint16)), 12.5)  # one that came late
     assert not enough(12.9)
     assert enough(13.1)
-
-
-@pytest.mark.parametrize(("number", "std", "left_out"), [(1, 2e-6, True), (1, 5e-7, False), (0, 2e-6, False)])
-def test_noise_between_objects_is_no_object(number: int, std: float, left_out: bool) -> None:
-    """What was asked for is answered in any case, with its uncertainty."""
-    found = SimpleNamespace(solid=SimpleNamespace(volume=1e-6, volume_std=std))
-    with pytest.raises(InputError, match="1 cm3, is uncertain by 200 %") if left_out else nullcontext():
-        _require_substance(found, number)

@@ -1,16 +1,20 @@
 """Solids from noisy clouds, against shapes of known volume, and with noise that breaks the assumptions."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import shape_samples as samples
 
 from benchmarks.closed_shapes import FAMILIES, ClosedShape, pieces, turned
 from benchmarks.random_objects import make_composite
+from poise.errors import InputError
 from poise.inertia.model.object_shape import parts_of_segmentation
 from poise.inertia.model.parameters import pseudo_inertia
 from poise.shape.carving import carve, spacing_of
 from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, guarded, reconstruct
 from poise.shape.segmentation import segment
+from poise.shape.solid import Solid
 
 COUNT, WANTED = 2000, 2500
 CASES = [pieces(900), pieces(902), turned(900), turned(902), turned(905)]
@@ -153,3 +157,11 @@ def test_a_part_without_volume_does_not_end_the_segmentation() -> None:
     labels[0] = 2  # part 1 has no tetrahedron at all
     made = Reconstruction(carved, carved, np.arange(400), 0.0, spacing_of(points))
     assert guarded(made, labels).volume == pytest.approx(carved.volume)
+
+
+@pytest.mark.parametrize(("share", "is_noise"), [(2.0, True), (0.5, False)])
+def test_a_volume_that_may_as_well_be_nothing_is_noise(share: float, is_noise: bool) -> None:
+    corners = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    solid = Solid(corners, np.array([[0, 1, 2, 3]]), np.full((1, 4), -1), share * 1e-6 / 6)
+    with pytest.raises(InputError, match="is uncertain by 200 %") if is_noise else nullcontext():
+        solid.require_substance()
