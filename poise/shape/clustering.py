@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from poise.shape.lighting import colour_steps
 from poise.shape.surface_graph import folds
 from poise.types import Array, Indices
 
@@ -35,18 +36,24 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What is known of each surface point: (N, 3) positions in spacings, colours 0..1 and outward unit normals."""
+    """What is known of each surface point.
+
+    Args:
+        positions, colours, normals: (N, 3) in spacings, 0..1, and outward unit vectors.
+        shading: share by which lightness may differ for nothing.
+    """
 
     positions: Array
     colours: Array
     normals: Array
+    shading: float = 0.0
 
     def dissimilarity(self, i: Indices, j: Indices, weights: Weights) -> Array:
         """Thesis eq. (3.28) between points i and j; both (E,)."""
         fold = folds(self.positions, self.normals, i, j)
         return np.asarray(
             weights.position * np.linalg.norm(self.positions[i] - self.positions[j], axis=1)
-            + weights.colour * np.linalg.norm(self.colours[i] - self.colours[j], axis=1)
+            + weights.colour * colour_steps(self.colours[i], self.colours[j], self.shading)
             + np.where(fold > 0, weights.inward_fold, -weights.outward_fold) * fold
         )
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from poise.shape.lighting import colour_steps
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
 from poise.types import Array, Indices
@@ -41,6 +42,7 @@ class MergeCosts:
         fold: the same per unit of fold along their border (see `SurfaceGraph.creases`).
         hollow: for all the hollow of the merged cluster, as a share of it; what merging adds counts in full.
         size: for the square of the merged volume; small pairs merge first.
+        shading: share by which lightness may differ for nothing, because lighting is not known exactly.
         least: share of the volume below which a cluster is no part, and merges with the likest beside it.
     """
 
@@ -49,6 +51,7 @@ class MergeCosts:
     hollow: float = 0.04
     size: float = 1e-3
     least: float = 0.01
+    shading: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class _Clusters:
         one, other = self.items[i], self.items[j]
         fold, edges = self._folds.get((min(i, j), max(i, j)), (0.0, 0))
         size = one.weight * other.weight / (one.weight + other.weight)
-        step = float(np.linalg.norm(one.colour - other.colour))
+        step = float(colour_steps(one.colour, other.colour, self.costs.shading))
         return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + _FEWEST_EDGES)))
 
     def haste(self, i: int, j: int) -> float:

@@ -1,6 +1,6 @@
 """From a cloud of surface points to parts of likely homogeneous density (thesis Algorithm 1)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,9 +10,10 @@ from poise.notebooks import html_table
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
+from poise.shape.lighting import colour_steps, unlit
 from poise.shape.reconstruction import guarded, reconstruct
 from poise.shape.solid import Solid
-from poise.shape.surface_graph import surface_graph
+from poise.shape.surface_graph import SurfaceGraph, surface_graph
 from poise.types import Array, Indices, Mask
 
 _PLAIN, _SHARE = 0.12, 0.05
@@ -135,11 +136,15 @@ def segment(
     few, spacing = made.solid.vertices, made.spacing
     shades = np.zeros_like(few) if colours is None else colours[made.rows]
     graph = surface_graph(made.solid)
-    features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals)
+    shades, shading = _paint(shades, few, graph, np.ones(len(few), bool) if seen is None else seen[made.rows])
+    features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals, shading)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)
-    hierarchy = build_hierarchy(made.carved, leaves, point_leaves, shades, graph, options.costs)
-    limit = options.limit if _contrast(features.colours) > _PLAIN else options.plain_limit
+    plain = _contrast(features.colours, shading) <= _PLAIN
+    told = np.zeros_like(shades) if plain and shading and ENV("ZERO") else shades
+    if os.environ.get("DBG"): print("   contrast", _contrast(features.colours, shading))
+    hierarchy = build_hierarchy(made.carved, leaves, point_leaves, told, graph, replace(options.costs, shading=shading))
+    limit = options.plain_limit if plain else options.limit
     steps = hierarchy.steps_below(limit) if options.parts is None else hierarchy.steps_to(options.parts)
     parts = hierarchy.labels(steps)
     every = len(few) == len(points)
@@ -149,9 +154,21 @@ def segment(
     return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, notes)
 
 
-def _contrast(colours: Array) -> float:
+import os
+def ENV(n, d=""): return float(os.environ.get(n, d) or 0)
+
+
+def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
+    paint = unlit(colours, graph.normals, seen)
+    if paint is None or ENV("OFF"):
+        return colours, 0.0
+    paint[~seen] = paint[seen][cKDTree(points[seen]).query(points[~seen])[1]]
+    return paint, ENV("SHADE", "0.2")
+
+
+def _contrast(colours: Array, shading: float) -> float:
     """How far the colours (N, 3) of a small share of the surface are from the most common one."""
-    away = np.linalg.norm(colours - np.median(colours, axis=0), axis=1)
+    away = colour_steps(colours, np.median(colours, axis=0), shading)
     return float(np.quantile(away, 1 - _SHARE))
 
 
