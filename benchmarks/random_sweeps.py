@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.sweep_objects import swept, thing
+from benchmarks.sweep_objects import Thing, swept, thing
 from poise.errors import PoiseError
 from poise.fake_robots.sweep_bag import VGA
 from poise.scanning import Frame, View, depth_in_metres, scan
@@ -18,7 +18,7 @@ from poise.scanning import Frame, View, depth_in_metres, scan
 _NEAR = 0.15
 _HEADINGS = (
     "camera", "sweeps", "refused", "off, middle %", "bias %", "within 15 %", "worst", "stated +- %", "beyond 2 sigma",
-    "wrong and sure", "parts", "scan, CPU s", "solid and parts, CPU s",
+    "wrong and sure", "parts", "of one colour (1 to 3)", "of two (2 to 4)", "scan, CPU s", "solid and parts, CPU s",
 )  # fmt: skip
 
 
@@ -30,6 +30,7 @@ class Sweep:
         name, camera: of the thing and what saw it.
         volume, std: found, and its stated sigma, over the true volume; NaN when refused.
         parts: that were found.
+        paints: colours that it has.
         scanning, cutting: s of CPU.
         notes: of the scan and the solid, or why it was refused.
     """
@@ -39,6 +40,7 @@ class Sweep:
     volume: float
     std: float
     parts: int
+    paints: int
     scanning: float
     cutting: float
     notes: tuple[str, ...]
@@ -56,23 +58,24 @@ class Sweep:
     def __str__(self) -> str:
         return (
             f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f} {'!!' if self.missed else '  '}"
-            f" {self.parts:3} parts {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
+            f" {self.parts:3} parts of {self.paints} {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
         )
 
 
-def measure(name: str, camera: str, views: list[View], volume: float) -> Sweep:
-    """Scan one thing of a known volume, m3."""
+def measure(made: Thing, camera: str, views: list[View]) -> Sweep:
+    """Scan one thing."""
+    name, volume, paints = made.name, made.volume, len(np.unique(made.colours, axis=0))
     start = time.process_time()
     try:
         found = scan(views)
         between = time.process_time()
         cut = found.segmented()
     except PoiseError as error:
-        return Sweep(name, camera, np.nan, np.nan, 0, time.process_time() - start, np.nan, (error.message,))
+        return Sweep(name, camera, np.nan, np.nan, 0, paints, time.process_time() - start, np.nan, (error.message,))
     end = time.process_time()
     ratio, std = cut.solid.volume / volume, cut.solid.volume_std / volume
     notes = (*found.notes, *cut.notes)
-    return Sweep(name, camera, ratio, std, cut.n_parts, between - start, end - between, notes)
+    return Sweep(name, camera, ratio, std, cut.n_parts, paints, between - start, end - between, notes)
 
 
 def measured(seeds: range, cameras: tuple[str, ...], frames: int, kept: Path | None) -> Iterator[Sweep]:
@@ -84,7 +87,7 @@ def measured(seeds: range, cameras: tuple[str, ...], frames: int, kept: Path | N
         if path is not None and not path.exists():
             _write(path, views)
         for camera in cameras:
-            yield measure(made.name, camera, views[camera], made.volume)
+            yield measure(made, camera, views[camera])
 
 
 def _write(path: Path, views: dict[str, list[View]]) -> None:
@@ -133,7 +136,7 @@ def table(rows: list[Sweep]) -> Table:
 def _summary(rows: list[Sweep]) -> list[str]:
     good = [row for row in rows if np.isfinite(row.volume)]
     if not good:
-        return [str(len(rows))] * 2 + ["-"] * 10
+        return [str(len(rows))] * 2 + ["-"] * 12
     ratio = np.array([row.volume for row in good])
     return [
         str(len(rows)),
@@ -146,9 +149,16 @@ def _summary(rows: list[Sweep]) -> list[str]:
         f"{sum(row.missed for row in good)} of {len(good)}",
         f"{sum(row.missed and not row.near for row in good)}",
         f"{np.mean([row.parts for row in good]):.1f}",
+        *(_parts([row for row in good if row.paints == paints], paints) for paints in (1, 2)),
         f"{np.median([row.scanning for row in good]):.2f}",
         f"{np.median([row.cutting for row in good]):.2f}",
     ]
+
+
+def _parts(rows: list[Sweep], least: int) -> str:
+    """The mean, and how many are between the parts there are and two more."""
+    near = sum(least <= row.parts <= least + 2 for row in rows)
+    return f"{np.mean([row.parts for row in rows]):.1f}; {near} of {len(rows)}" if rows else "-"
 
 
 def report(seeds: range, cameras: tuple[str, ...], frames: int, kept: Path | None, console: Console) -> None:

@@ -20,6 +20,8 @@ _FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""
 _HASTE = 1e-3
 """Factor of the cost for what is too small to be a part."""
+_ONE_COLOUR = 0.1
+"""Distance of colours below which they are one."""
 
 
 def _half_sphere(count: int) -> Array:
@@ -43,6 +45,7 @@ class MergeCosts:
         hollow: for all the hollow of the merged cluster, as a share of it; what merging adds counts in full.
         size: for the square of the merged volume; small pairs merge first.
         shading: share by which lightness may differ for nothing, because lighting is not known exactly.
+        one_colour: factor for clusters of one colour.
         least: share of the volume below which a cluster is no part, and merges with the likest beside it.
     """
 
@@ -52,6 +55,7 @@ class MergeCosts:
     size: float = 1e-3
     least: float = 0.01
     shading: float = 0.0
+    one_colour: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -137,12 +141,19 @@ class _Clusters:
         one, other = self.items[i], self.items[j]
         fold, edges = self._folds.get((min(i, j), max(i, j)), (0.0, 0))
         size = one.weight * other.weight / (one.weight + other.weight)
-        step = float(colour_steps(one.colour, other.colour, self.costs.shading))
+        step = self._step(one, other)
         return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + _FEWEST_EDGES)))
 
     def haste(self, i: int, j: int) -> float:
-        """By which a cluster that is too small to be a part is merged before others are."""
-        return _HASTE if min(self.items[i].volume, self.items[j].volume) < self.costs.least else 1.0
+        """Factor by which a cluster that is too small to be a part, or of the same colour, merges before others do."""
+        one, other = self.items[i], self.items[j]
+        if min(one.volume, other.volume) < self.costs.least:
+            return _HASTE
+        alike = self.costs.one_colour < 1 and self._step(one, other) < _ONE_COLOUR
+        return self.costs.one_colour if alike else 1.0
+
+    def _step(self, one: _Cluster, other: _Cluster) -> float:
+        return float(colour_steps(one.colour, other.colour, self.costs.shading))
 
     def together(self, i: int, j: int) -> tuple[float, _Cluster]:
         """What the shape of a merge costs (eq. 3.27), and the merged cluster: its hull is that of the two hulls."""

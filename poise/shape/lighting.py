@@ -10,7 +10,6 @@ import numpy as np
 
 from poise.types import Array, Indices, Mask
 
-import os
 _DARKEST = 0.02
 """Lightness below which a camera shows noise."""
 _PAIRS, _FEWEST = 8000, 200
@@ -18,10 +17,9 @@ _PAIRS, _FEWEST = 8000, 200
 _ONE_PAINT = 0.02
 """Distance of chromaticities r, g, b (which sum to 1) of points that may have one paint."""
 _ROUNDS, _SMALL, _RIDGE = 20, 0.01, 1e-4
-_LEAST = float(os.environ.get("LEAST", 0.2))
-_TAIL = 0.02
-"""Logarithm of the lightness between normals (but for `_TAIL` on both sides) from which lighting is taken out."""
-_EXPLAINED = float(os.environ.get("EXPL", 0.6))
+_LEAST, _TAIL = 0.2, 0.02
+"""Range of the logarithm of the light from which it is taken out, and the share of points beyond each of its ends."""
+_EXPLAINED = 0.6
 """What may be left of the differences of lightness within pairs, in the mean."""
 
 
@@ -46,7 +44,6 @@ def unlit(colours: Array, normals: Array, seen: Mask) -> Array | None:
     effect = basis @ fitted
     low, high = np.quantile(effect[seen], [_TAIL, 1 - _TAIL])
     left = float(np.abs(wanted - rows @ fitted).mean()) / max(float(np.abs(wanted).mean()), 1e-9)
-    if os.environ.get("DBG"): print("    spread %.2f left %.2f pairs %d"%(high-low, left, len(i)))
     if high - low < _LEAST or left > _EXPLAINED:
         return None
     inside = np.clip(effect, effect[seen].min(), effect[seen].max())
@@ -60,7 +57,7 @@ def _pairs(colours: Array, known: Indices) -> Indices:
     drawn = known[np.random.default_rng(0).integers(len(known), size=(_PAIRS, 2))]
     chromaticity = colours / np.maximum(colours.sum(axis=1, keepdims=True), 3 * _DARKEST)
     apart = np.linalg.norm(chromaticity[drawn[:, 0]] - chromaticity[drawn[:, 1]], axis=1)
-    return drawn[(apart < _ONE_PAINT) & (drawn[:, 0] != drawn[:, 1])]
+    return np.asarray(drawn[(apart < _ONE_PAINT) & (drawn[:, 0] != drawn[:, 1])])
 
 
 def _harmonics(normals: Array) -> Array:
@@ -71,17 +68,17 @@ def _harmonics(normals: Array) -> Array:
 
 def _least_absolute(rows: Array, wanted: Array) -> Array:
     """(K,) that minimises the sum of |rows @ x - wanted|, by reweighted least squares."""
-    found = np.zeros(rows.shape[1])
+    found: Array = np.zeros(rows.shape[1])
     ridge = _RIDGE * len(rows) * np.eye(rows.shape[1])
     for _ in range(_ROUNDS):
         weights = 1 / np.maximum(np.abs(rows @ found - wanted), _SMALL)
         weighted = rows * weights[:, None]
-        found = np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ wanted)
-    return np.asarray(found)
+        found = np.asarray(np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ wanted), np.float64)
+    return found
 
 
 def colour_steps(one: Array, other: Array, shading: float) -> Array:
-    """(...,) distances of colours (..., 3), where lightness may differ by a share `shading` for nothing."""
+    """(...,) distances of colours (..., 3), the least when one's lightness may change by a share."""
     scale = np.sum(one * other, axis=-1) / np.maximum(np.sum(other**2, axis=-1), 1e-12)
     scale = np.clip(scale, 1 / (1 + shading), 1 + shading)
     return np.asarray(np.linalg.norm(one - scale[..., None] * other, axis=-1))

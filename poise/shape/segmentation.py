@@ -16,6 +16,8 @@ from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph, surface_graph
 from poise.types import Array, Indices, Mask
 
+_SHADING = 0.2
+"""Share by which lightness may be off where lighting was taken out: normals at edges are means."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
 
@@ -60,7 +62,7 @@ class Segmentation:
         hierarchy: of all merges; its leaves are the initial clusters.
         leaves: (T,) initial cluster of each tetrahedron.
         steps: merges that were taken.
-        part_colours: (P, 3) 0..1, the median of each part's points; None without colours.
+        part_colours: (P, 3) 0..1, the median of each part's points, without lighting; None without colours.
         notes: what to read the answer with, one sentence each.
     """
 
@@ -141,9 +143,8 @@ def segment(
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)
     plain = _contrast(features.colours, shading) <= _PLAIN
-    told = np.zeros_like(shades) if plain and shading and ENV("ZERO") else shades
-    if os.environ.get("DBG"): print("   contrast", _contrast(features.colours, shading))
-    hierarchy = build_hierarchy(made.carved, leaves, point_leaves, told, graph, replace(options.costs, shading=shading))
+    costs = _costs(options, shading, plain)
+    hierarchy = build_hierarchy(made.carved, leaves, point_leaves, shades, graph, costs)
     limit = options.plain_limit if plain else options.limit
     steps = hierarchy.steps_below(limit) if options.parts is None else hierarchy.steps_to(options.parts)
     parts = hierarchy.labels(steps)
@@ -154,16 +155,26 @@ def segment(
     return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, notes)
 
 
-import os
-def ENV(n, d=""): return float(os.environ.get(n, d) or 0)
-
-
 def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
+    """Colours (N, 3) without lighting, and by what share their lightness may still be off."""
     paint = unlit(colours, graph.normals, seen)
-    if paint is None or ENV("OFF"):
+    if paint is None:
         return colours, 0.0
+    # A completed point has the shade of a seen one that faces elsewhere.
     paint[~seen] = paint[seen][cKDTree(points[seen]).query(points[~seen])[1]]
-    return paint, ENV("SHADE", "0.2")
+    return paint, _SHADING
+
+
+def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCosts:
+    """What merging costs where lighting was taken out: what has one colour likely is one piece.
+
+    Colours without lighting keep the costs that were tuned on them.
+    """
+    if not shading:
+        return options.costs
+    if plain:
+        return replace(options.costs, shading=shading, colour=0.0)
+    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit)
 
 
 def _contrast(colours: Array, shading: float) -> float:
