@@ -58,7 +58,8 @@ class Sweep:
     def __str__(self) -> str:
         return (
             f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f} {'!!' if self.missed else '  '}"
-            f" {self.parts:3} parts of {self.paints} {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
+            f" {self.parts:3} parts of {self.paints}"
+            f" {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
         )
 
 
