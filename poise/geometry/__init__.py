@@ -2,6 +2,7 @@
 
 - `pose`: `Pose`, the rigid pose of a frame in its parent.
 - `rotations`: rotation matrices from and to quaternions, about an axis, between two vectors.
+- `rows`: distinct rows of arrays.
 - `vectors`: unit vectors, axes in a plane, cross products, wrenches of forces.
 - `gravity`: the standard acceleration, and the default gravity vector.
 """
@@ -19,6 +20,7 @@ from poise.geometry.rotations import (
     rotation_of_vector,
     vector_of_rotation,
 )
+from poise.geometry.rows import unique_rows
 from poise.geometry.vectors import cross, move_wrench, plane_axes, unit, wrench_of_force
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "rotation_between",
     "rotation_of_quaternion",
     "rotation_of_vector",
+    "unique_rows",
     "unit",
     "vector_of_rotation",
     "wrench_of_force",

@@ -43,6 +43,9 @@ def read_stl(content: bytes, name: str) -> Arrays:
 
 def read_obj(content: bytes, name: str) -> Arrays:
     """The `v` and `f` lines of an OBJ; polygons become fans. Materials and what else it names are not opened."""
+    if (plain := _plain_obj(content)) is not None:
+        _limit(len(plain[1]), name)
+        return plain
     vertices: list[list[float]] = []
     polygons: list[list[int]] = []
     text = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").decode("utf-8", "replace")
@@ -60,6 +63,25 @@ def read_obj(content: bytes, name: str) -> Arrays:
         if len(polygons) > MAX_TRIANGLES:
             _limit(len(polygons), name)
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), fans(polygons, name)
+
+
+def _plain_obj(content: bytes) -> Arrays | None:
+    """An OBJ whose faces are triangles of plain vertex numbers, all at once; None for others, and for wrong ones."""
+    lines = content.split(b"\n")
+    rest = [line for line in lines if line[:2] not in (b"v ", b"f ")]
+    if b"\\" in content or any(line.split(None, 1)[:1] in ([b"v"], [b"f"]) for line in rest):
+        return None
+    columns = []
+    for key, kind in ((b"v", "f8"), (b"f", "i8")):
+        words = np.array(b" ".join(line for line in lines if line[:2] == key + b" ").split())
+        if not len(words) or len(words) % 4 or np.any(words[::4] != key):
+            return None
+        try:
+            columns.append(words.reshape(-1, 4)[:, 1:].astype(kind))
+        except ValueError:
+            return None
+    vertices, corners = np.asarray(columns[0], dtype=np.float64), np.asarray(columns[1], dtype=np.int64)
+    return (vertices, corners - 1) if corners.min() > 0 else None
 
 
 def read_ply_mesh(content: bytes, name: str) -> Arrays:

@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import cross, unique_rows
 from poise.types import Array, Indices
 
 _WELD = 1e-7
@@ -37,8 +38,8 @@ def repair(points: Array, triangles: Indices, name: str) -> tuple[Array, Indices
     size = float(np.ptp(points, axis=0).max())
     if not _volume(points, triangles) > _NO_VOLUME * size**3:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: the surface encloses no volume; give a closed mesh")
-    used, corners = np.unique(triangles, return_inverse=True)
-    return points[used], corners.reshape(-1, 3), tuple(notes)
+    used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
+    return points[used], (np.cumsum(used) - 1)[triangles], tuple(notes)
 
 
 def _weld(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, Indices]:
@@ -46,8 +47,8 @@ def _weld(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, I
     grid = _WELD * max(float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max()), 1e-300)
     with np.errstate(over="ignore", invalid="ignore"):
         places = np.round((points - points[triangles[0, 0]]) / grid)
-    _, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
-    corners: Indices = inverse.reshape(-1)[triangles]
+    first, number = unique_rows(places)
+    corners: Indices = number[triangles]
     distinct = np.all(corners != np.roll(corners, 1, axis=1), axis=1)
     if not np.all(distinct):
         notes.append(f"{np.sum(~distinct)} triangles without area were left out")
@@ -55,7 +56,7 @@ def _weld(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, I
     # From its least corner on, a triangle is written in one way only.
     turn = np.argmin(corners, axis=1)[:, None] if len(corners) else np.zeros((0, 1), np.int64)
     ordered = np.take_along_axis(corners, (turn + np.arange(3)) % 3, axis=1)
-    once = np.sort(np.unique(ordered, axis=0, return_index=True)[1])
+    once = np.sort(unique_rows(ordered)[0])
     if len(once) < len(corners):
         notes.append(f"{len(corners) - len(once)} triangles that were there twice were left out")
     return points[first], corners[once]
@@ -69,15 +70,15 @@ def _directed(triangles: Indices) -> Indices:
 def _is_consistent(triangles: Indices) -> bool:
     """Every edge is passed as often in one direction as in the other: closed, and turned alike."""
     edges = _directed(triangles)
-    undirected = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    undirected = unique_rows(np.sort(edges, axis=1))[1]
     return not np.any(np.bincount(undirected, np.where(edges[:, 0] < edges[:, 1], 1, -1)))
 
 
 def _turn_alike(triangles: Indices, notes: list[str]) -> Indices:
     """Turn triangles so that two which share an edge pass it in opposite directions."""
     edges = _directed(triangles)
-    key, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
-    key = key.reshape(-1)
+    key = unique_rows(np.sort(edges, axis=1))[1]
+    count = np.bincount(key)
     order = np.argsort(key, kind="stable")
     order = order[count[key[order]] == 2]
     first, second = order[::2], order[1::2]
@@ -106,8 +107,10 @@ def _turn_alike(triangles: Indices, notes: list[str]) -> Indices:
 def _close(points: Array, triangles: Indices, notes: list[str], name: str) -> tuple[Array, Indices]:
     """Fill each loop of open edges with a fan around its middle."""
     edges = _directed(triangles)
-    ends, inverse = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
-    balance = np.bincount(inverse.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1)).astype(int)
+    undirected = np.sort(edges, axis=1)
+    first, number = unique_rows(undirected)
+    ends = undirected[first]
+    balance = np.bincount(number, np.where(edges[:, 0] < edges[:, 1], 1, -1)).astype(int)
     open_ends, times = ends[balance != 0], balance[balance != 0]
     if len(open_ends) > _MOST_OPEN * len(ends):
         message = f"{name}: the surface has holes around {len(open_ends)} of its {len(ends)} edges: a sheet? Close it"
@@ -202,4 +205,4 @@ def _shells(points: Array, triangles: Indices) -> list[Indices]:
 def _volume(points: Array, triangles: Indices) -> float:
     """m3, negative when the triangles face inwards."""
     a, b, c = (points[triangles[:, k]] - points[triangles[0, 0]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    return float(np.einsum("ij,ij->", a, cross(b, c)) / 6)

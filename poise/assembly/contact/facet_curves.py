@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 
-from poise.assembly.contact.placed import triangle_areas
 from poise.assembly.scene import Polyhedron
 from poise.geometry import unit
 from poise.types import Array
@@ -70,17 +68,34 @@ def facet_curve(polyhedron: Polyhedron, facet: int) -> FacetCurve | None:
         return None
     steps, whole = _steps(polyhedron, facet)
     if whole and (radius := _ball_radius(polyhedron, facet, steps)) is not None:
-        return FacetCurve(_centre(polyhedron, facet), polyhedron.normals[facet], None, radius, 0.0)
-    for first, second in combinations(steps, 2):
+        return FacetCurve(polyhedron.facet_centres[facet], polyhedron.normals[facet], None, radius, 0.0)
+    for first, second in _opposite(polyhedron, steps):
         if (found := _belt(polyhedron, facet, first, second)) is not None:
             return found
     return None
 
 
+def _opposite(polyhedron: Polyhedron, steps: list[_Step]) -> list[tuple[_Step, _Step]]:
+    """Pairs of steps to either side of a facet that is not too wide for a belt between these neighbours.
+
+    A base has hundreds of neighbours, and nearly all pairs of them differ by width alone.
+    """
+    axes, middles = np.array([step.axis for step in steps]), np.array([step.edge for step in steps])
+    reach = np.array([_extent(polyhedron, step.facet) for step in steps])
+    pairs = []
+    for k, first in enumerate(steps[:-1]):
+        rest = slice(k + 1, None)
+        along = unit(first.axis - axes[rest])
+        across = first.edge - middles[rest]
+        across -= np.einsum("ij,ij->i", across, along)[:, None] * along
+        wide = np.linalg.norm(across, axis=1) > _WIDER * np.minimum(reach[k], reach[rest])
+        found = np.flatnonzero(~wide & (axes[rest] @ first.axis <= _OPPOSITE)) + k + 1
+        pairs += [(first, steps[other]) for other in found.tolist()]
+    return pairs
+
+
 def _belt(polyhedron: Polyhedron, facet: int, first: _Step, second: _Step) -> FacetCurve | None:
-    """The cylinder or cone around which facets follow each other on both sides of one."""
-    if first.axis @ second.axis > _OPPOSITE:
-        return None
+    """The cylinder or cone around which facets follow each other on both sides of one, by steps to either side."""
     width, radius = _chord(first, second)
     for step in (first, second):
         back = _Step(facet, -step.axis, step.angle, step.edge)
@@ -105,9 +120,10 @@ def _chord(first: _Step, second: _Step) -> tuple[float, float]:
 
 def _ball_radius(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> float | None:
     """m, of the ball that a facet and its neighbours, on all sides, are of; None where they are not."""
-    radii = _radii_around(polyhedron, facet, steps)
-    if _area(polyhedron, facet) > _WIDER**2 * np.median([_area(polyhedron, step.facet) for step in steps]):
+    areas = polyhedron.facet_areas
+    if areas[facet] > _WIDER**2 * np.median(areas[[step.facet for step in steps]]):
         return None
+    radii = _radii_around(polyhedron, facet, steps)
     for step in steps:
         around, whole = _steps(polyhedron, step.facet)
         if not whole:
@@ -118,8 +134,8 @@ def _ball_radius(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> floa
 
 
 def _radii_around(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> list[float]:
-    centre = _centre(polyhedron, facet)
-    runs = [float(np.linalg.norm(_centre(polyhedron, step.facet) - centre)) for step in steps]
+    centres = polyhedron.facet_centres
+    runs = [float(np.linalg.norm(centres[step.facet] - centres[facet])) for step in steps]
     return [run / (2 * np.sin(step.angle / 2)) for run, step in zip(runs, steps, strict=True)]
 
 
@@ -127,16 +143,9 @@ def _ratio(first: float, second: float) -> float:
     return max(first, second) / max(min(first, second), 1e-12)
 
 
-def _centre(polyhedron: Polyhedron, facet: int) -> Array:
-    """(3,) m, centroid of a facet."""
-    corners = polyhedron.vertices[polyhedron.facet_triangles[facet]]
-    areas = triangle_areas(corners)
-    return np.asarray(areas @ corners.mean(axis=1) / areas.sum())
-
-
-def _area(polyhedron: Polyhedron, facet: int) -> float:
-    """m2."""
-    return float(triangle_areas(polyhedron.vertices[polyhedron.facet_triangles[facet]]).sum())
+def _extent(polyhedron: Polyhedron, facet: int) -> float:
+    """m, diagonal of the bounds of a facet: no chord across it is longer."""
+    return float(np.linalg.norm(np.ptp(polyhedron.vertices[polyhedron.facet_vertices[facet]], axis=0)))
 
 
 @lru_cache(maxsize=65_536)
@@ -151,7 +160,7 @@ def _steps(polyhedron: Polyhedron, facet: int) -> tuple[list[_Step], bool]:
         ends = polyhedron.vertices[polyhedron.edges[rows[others == other]]]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         edge = lengths @ ends.mean(axis=1) / lengths.sum()
-        outwards = (_centre(polyhedron, other) - edge) @ normal < 0
+        outwards = (polyhedron.facet_centres[other] - edge) @ normal < 0
         if outwards and 0 < angle <= _SMOOTH:
             steps.append(_Step(other, unit(turn), angle, edge))
     return steps, len(steps) == len(np.unique(others)) > 0

@@ -108,8 +108,8 @@ class PlacedBody:
     @cached_property
     def facet_bounds(self) -> Array:
         """(F, 2, 3) bounds of each planar facet."""
-        corners = self.vertices[np.concatenate(self.polyhedron.facet_triangles)]
-        starts = np.cumsum([0] + [len(triangles) for triangles in self.polyhedron.facet_triangles[:-1]])
+        triangles, starts = self.polyhedron.by_facet
+        corners = self.vertices[triangles]
         low = np.minimum.reduceat(corners.min(axis=1), starts)
         high = np.maximum.reduceat(corners.max(axis=1), starts)
         return np.stack([low, high], axis=1)[: len(self.normals)]
@@ -133,8 +133,8 @@ class PlacedBody:
     @cached_property
     def origins(self) -> Array:
         """(F, 3) a point on each planar facet."""
-        first = [triangles[0, 0] for triangles in self.polyhedron.facet_triangles[: self.facet_count]]
-        return self.vertices[np.array(first, dtype=np.int64)]
+        triangles, starts = self.polyhedron.by_facet
+        return np.asarray(self.vertices[triangles[starts[: self.facet_count], 0]])
 
     @cached_property
     def axes(self) -> Array:
@@ -171,12 +171,14 @@ class PlacedBody:
 
     def edge_pushes(self, edge: int, direction: Array) -> bool:
         """The direction leaves the body through this edge: between the normals on its two sides, on a ridge."""
-        first, second = self.edge_normals[edge]
-        along = self.vertices[self.edges[edge, 1]] - self.vertices[self.edges[edge, 0]]
-        system = np.stack([first, second], axis=1)
-        weights = np.linalg.lstsq(system, direction, rcond=None)[0]
-        off = np.abs(direction @ along) / np.linalg.norm(along)
-        return bool(np.all(weights >= -1e-3) and off < 1e-2)
+        return bool(self.edges_push(np.array([edge]), direction)[0])
+
+    def edges_push(self, edges: Indices, direction: Array) -> Mask:
+        """(N,) whether the direction leaves the body through each of these edges, as `edge_pushes`."""
+        along = self.vertices[self.edges[edges, 1]] - self.vertices[self.edges[edges, 0]]
+        weights = np.linalg.pinv(np.swapaxes(self.edge_normals[edges], 1, 2)) @ direction
+        off = np.abs(along @ direction) / np.linalg.norm(along, axis=1)
+        return np.asarray(np.all(weights >= -1e-3, axis=1) & (off < 1e-2))
 
     def vertex_pushes(self, vertex: int, direction: Array) -> bool:
         """The direction leaves the body through this vertex: all its edges run back."""

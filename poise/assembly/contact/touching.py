@@ -157,14 +157,13 @@ def _on_facet(
     origin, axes = base.origins[facet], base.axes[facet]
     inside = polygon.buffer(-tolerance)
     lying = set(covered)
-    for edge in edges:
-        i, j = (int(v) for v in body.edges[edge])
-        if i not in height or j not in height or (i in covered and j in covered):
-            continue
+    ends_high = np.isin(body.edges[edges], list(height)).all(axis=1)
+    open_edges = edges[ends_high & ~np.isin(body.edges[edges], list(covered)).all(axis=1)]
+    for i, j in body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist():
         line = shapely.LineString((body.vertices[[i, j]] - origin) @ axes.T)
         part = shapely.intersection(line, polygon)
         # Within the facet, not along its rim: blocks that share only an edge do not press on each other.
-        if part.length > tolerance and inside.intersects(line) and body.edge_pushes(int(edge), -normal):
+        if part.length > tolerance and inside.intersects(line):
             ends = shapely.get_coordinates(part)[[0, -1]]
             gap = (height[i] + height[j]) / 2
             patches.append(ContactPatch(origin + ends @ axes + gap / 2 * normal, normal, gap, NO_TRIANGLES))

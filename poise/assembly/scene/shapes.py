@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import unit
+from poise.geometry import cross, unique_rows, unit
 from poise.ranges import check_range
 from poise.types import Array, Indices
 
@@ -46,10 +46,38 @@ class Polyhedron:
     convex: bool
 
     @cached_property
+    def by_facet(self) -> tuple[Indices, Indices]:
+        """The (T, 3) triangles in the order of their facets, and the (F,) first of each facet among them."""
+        order = np.argsort(self.facet_of_triangle, kind="stable")
+        first = np.searchsorted(self.facet_of_triangle[order], np.arange(len(self.normals)))
+        return self.triangles[order], first
+
+    @cached_property
     def facet_triangles(self) -> list[Indices]:
         """For each facet, the (t, 3) triangles of it."""
-        order = np.argsort(self.facet_of_triangle, kind="stable")
-        return _groups(self.facet_of_triangle[order], self.triangles[order], len(self.normals))
+        triangles, first = self.by_facet
+        return [triangles[begin:end] for begin, end in pairwise([*first.tolist(), len(triangles)])]
+
+    @cached_property
+    def facet_areas(self) -> Array:
+        """(F,) m2."""
+        return self._facet_moments[0]
+
+    @cached_property
+    def facet_centres(self) -> Array:
+        """(F, 3) m, centroids of the facets."""
+        areas, moments = self._facet_moments
+        return np.asarray(moments / areas[:, None])
+
+    @cached_property
+    def _facet_moments(self) -> tuple[Array, Array]:
+        """(F,) areas, m2, and (F, 3) their first moments, m3."""
+        corners, count = self.vertices[self.triangles], len(self.normals)
+        a, b, c = np.moveaxis(corners, 1, 0)
+        areas = np.linalg.norm(cross(b - a, c - a), axis=1) / 2
+        weighted = areas[:, None] * (a + b + c) / 3
+        sums = [np.bincount(self.facet_of_triangle, column, count) for column in (areas, *weighted.T)]
+        return np.asarray(sums[0], dtype=np.float64), np.stack(sums[1:], axis=1).astype(np.float64)
 
     @cached_property
     def facet_vertices(self) -> list[Indices]:
@@ -69,7 +97,7 @@ class Polyhedron:
     def inward(self) -> Array:
         """(V, 3) steps from the vertices, in the object frame, that go one metre under each of their facets."""
         pairs = np.stack([self.triangles.ravel(), np.repeat(self.facet_of_triangle, 3)], axis=1)
-        vertex, facet = np.unique(pairs, axis=0).T
+        vertex, facet = pairs[unique_rows(pairs)[0]].T
         normals = self.normals[facet]
         squares = np.tile(1e-9 * np.eye(3), (len(self.vertices), 1, 1))
         np.add.at(squares, vertex, normals[:, :, None] * normals[:, None, :])
@@ -81,7 +109,14 @@ class Polyhedron:
         """A facet as a polygon in the plane of axes (2, 3) through origin (3,), with its vertices placed anywhere."""
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
         triangles = shapely.polygons(corners)
-        return triangles[0] if len(triangles) == 1 else shapely.union_all(triangles)
+        if len(triangles) == 1:
+            return triangles[0]
+        # Triangles of a plane share whole edges; the few that overlap, as bent facets do in projection, take longer.
+        whole = shapely.coverage_union_all(triangles)
+        areas = float(shapely.area(triangles).sum())
+        if whole.is_valid and abs(whole.area - areas) <= 1e-9 * areas:
+            return whole
+        return shapely.union_all(triangles)
 
 
 class Shape(Protocol):
@@ -210,27 +245,35 @@ class Mesh:
 
     def __post_init__(self) -> None:
         name = self.source or "mesh"
-        triangles = _welded(self)
-        edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        if np.any(np.unique(edges, axis=0, return_counts=True)[1] % 2):
+        edges = np.sort(self._welded[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        if np.any(np.bincount(unique_rows(edges)[1]) % 2):
             raise InputError(ErrorCode.MESH_INVALID, f"{name}: the surface has holes; close it and try again")
         if abs(self.volume) <= 1e-12 * np.ptp(self.vertices, axis=0).max() ** 3:
             raise InputError(ErrorCode.MESH_INVALID, f"{name}: the surface encloses no volume")
         if self.volume < 0:  # inside out
             object.__setattr__(self, "triangles", self.triangles[:, ::-1].copy())
-            for cached in ("volume", "_moments"):
+            for cached in ("volume", "_moments", "_welded"):
                 self.__dict__.pop(cached, None)
 
     @cached_property
     def polyhedron(self) -> Polyhedron:
-        used, triangles = np.unique(_welded(self), return_inverse=True)
-        return merge_facets(self.vertices[used], triangles.reshape(-1, 3))
+        used = np.bincount(self._welded.ravel(), minlength=len(self.vertices)) > 0
+        return merge_facets(self.vertices[used], (np.cumsum(used) - 1)[self._welded])
+
+    @cached_property
+    def _welded(self) -> Indices:
+        """Triangles renumbered so that vertices at one place are one vertex (STL files repeat every corner)."""
+        grid = 1e-7 * max(float(np.ptp(self.vertices, axis=0).max()), 1e-12)
+        first, number = unique_rows(np.round(self.vertices / grid))
+        triangles: Indices = first[number][self.triangles]
+        distinct = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
+        return triangles[distinct]
 
     @cached_property
     def _moments(self) -> tuple[float, Array, Array]:
         """Volume, its first (3,) and second moments (3, 3) about the origin, by tetrahedra that share the origin."""
         a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
-        volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+        volumes = np.einsum("ij,ij->i", a, cross(b, c)) / 6
         total = a + b + c
         second = np.einsum("i,ij,ik->jk", volumes, total, total)
         second += sum(np.einsum("i,ij,ik->jk", volumes, p, p) for p in (a, b, c))
@@ -268,8 +311,8 @@ def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
     links = coo_array((np.ones(flat.sum()), pairs[flat].T), shape=(len(triangles), len(triangles)))
     count, facet = connected_components(links, directed=False)
     facet = facet.astype(np.int64)
-    facet_normals = np.zeros((count, 3))
-    np.add.at(facet_normals, facet, normals * areas[:, None])
+    sums = [np.bincount(facet, column, count) for column in (normals * areas[:, None]).T]
+    facet_normals = np.stack(sums, axis=1).astype(np.float64)
     sharp = facet[pairs[:, 0]] != facet[pairs[:, 1]]
     edges, edge_facets = ends[sharp], facet[pairs[sharp]]
     polyhedron = Polyhedron(vertices, triangles, facet, unit(facet_normals), edges, edge_facets, False)
@@ -279,7 +322,8 @@ def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
 def _is_convex(polyhedron: Polyhedron) -> bool:
     """No vertex lies outside any facet's plane; facets from all over come first, to find out soon."""
     vertices = polyhedron.vertices[np.unique(polyhedron.triangles)]
-    first = np.array([triangles[0, 0] for triangles in polyhedron.facet_triangles])
+    triangles, starts = polyhedron.by_facet
+    first = triangles[starts, 0]
     offsets = np.einsum("ij,ij->i", polyhedron.normals, polyhedron.vertices[first])
     tolerance = 1e-6 * np.ptp(vertices, axis=0).max()
     step = -(-len(offsets) * len(vertices) // 2_000_000)
@@ -293,7 +337,7 @@ def _is_convex(polyhedron: Polyhedron) -> bool:
 def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array]:
     """Unit normals (T, 3) and twice the areas (T,), zero where a triangle is degenerate."""
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    normals = np.cross(b - a, c - a)
+    normals = cross(b - a, c - a)
     areas = np.linalg.norm(normals, axis=1)
     areas[areas < 1e-14 * np.ptp(vertices, axis=0).max() ** 2] = 0
     return normals / np.where(areas > 0, areas, 1)[:, None], areas
@@ -302,19 +346,10 @@ def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array
 def _shared_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Pairs of triangles (P, 2) that share an edge, and the ends (P, 2) of that edge."""
     ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    order = np.lexsort(ends.T)
+    order = np.argsort(ends[:, 1] * (ends.max(initial=0) + 1) + ends[:, 0], kind="stable")
     same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
     first, second = order[:-1][same], order[1:][same]
     return np.stack([first, second], axis=1) // 3, ends[first]
-
-
-def _welded(mesh: Mesh) -> Indices:
-    """Triangles renumbered so that vertices at one place are one vertex (STL files repeat every corner)."""
-    grid = 1e-7 * max(float(np.ptp(mesh.vertices, axis=0).max()), 1e-12)
-    _, first, inverse = np.unique(np.round(mesh.vertices / grid), axis=0, return_index=True, return_inverse=True)
-    triangles: Indices = first[inverse.ravel()][mesh.triangles]
-    distinct = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
-    return triangles[distinct]
 
 
 @cache

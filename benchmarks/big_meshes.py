@@ -1,0 +1,97 @@
+"""A mesh of tens of thousands of vertices, from its file to the robustness of a push: processor time of this process.
+
+`python benchmarks/big_meshes.py`: a ball with a flat to stand on. Text of OBJ is read in another process, whose time is
+given beside it.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from poise.assembly import Analysis, Push, assess, load_scene
+from poise.shape.mesh_formats import MESH_READERS
+from poise.types import Array, Indices
+
+RADIUS, HEIGHT = 0.1, 0.09
+SCENE = """
+gravity: [0, 0, -9.81]
+friction: 0.5
+objects:
+  - {{id: floor, fixed: true, box: [2, 2, 0.1], pose: [0, 0, -0.05, 0, 0, 0, 1]}}
+  - {{id: ball, mesh: {mesh}, mass: 1, com: [0, 0, 0], pose: [0, 0, {height}, 0, 0, 0, 1]}}
+"""
+
+
+def ball_with_flat(vertices: int) -> tuple[Array, Indices]:
+    """About so many vertices (V, 3) m around the centre, and triangles (T, 3); what is below the flat lies on it."""
+    rings = round(np.sqrt(vertices / 2))
+    around = 2 * rings
+    polar = np.linspace(0, np.pi, rings + 2)[1:-1, None]
+    turn = 2 * np.pi * np.arange(around) / around
+    points = np.stack(np.broadcast_arrays(np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)), 2)
+    points = RADIUS * np.concatenate([[[0, 0, 1]], points.reshape(-1, 3), [[0, 0, -1]]])
+    points[:, 2] = np.maximum(points[:, 2], -HEIGHT)
+    here = np.arange(around)
+    after, last = (here + 1) % around, 1 + (rings - 1) * around
+    top = np.stack([np.zeros_like(here), 1 + here, 1 + after], axis=1)
+    bottom = np.stack([np.full_like(here, len(points) - 1), last + after, last + here], axis=1)
+    starts = 1 + around * np.arange(rings - 1)[:, None]
+    a, b, c, d = ((starts + k).ravel() for k in (here[None], after[None], around + here[None], around + after[None]))
+    sides = [np.stack(corners, axis=1) for corners in ((a, c, d), (a, d, b))]
+    return points, np.concatenate([top, bottom, *sides])
+
+
+def content(points: Array, triangles: Indices, suffix: str) -> bytes:
+    """A mesh as the bytes of a file: binary STL, binary PLY, or OBJ."""
+    if suffix == ".stl":
+        facets = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        facets["corners"] = points[triangles]
+        return bytes(80) + len(triangles).to_bytes(4, "little") + facets.tobytes()
+    if suffix == ".ply":
+        faces = np.zeros(len(triangles), [("n", "u1"), ("corners", "<i4", 3)])
+        faces["n"], faces["corners"] = 3, triangles
+        axes = "".join(f"property double {axis}\n" for axis in "xyz")
+        header = (
+            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{axes}"
+            f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+        return header.encode() + points.astype("<f8").tobytes() + faces.tobytes()
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points.tolist()]
+    return "\n".join(lines + [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]).encode()
+
+
+def answered(folder: Path, suffix: str) -> float:
+    """N, what a level push at the centre of the ball takes."""
+    scene = folder / f"{suffix[1:]}.yaml"
+    scene.write_text(SCENE.format(mesh=f"ball{suffix}", height=HEIGHT), encoding="utf-8")
+    analysis = Analysis.of(load_scene(scene))
+    return assess(analysis, [Push("ball", (-RADIUS, 0, HEIGHT), (1, 0, 0))]).results[0].robustness
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--vertices", type=int, default=41_000)
+    parser.add_argument("--runs", type=int, default=5)
+    given = parser.parse_args()
+    mesh = ball_with_flat(given.vertices)
+    with tempfile.TemporaryDirectory() as name:
+        for suffix in (".stl", ".ply", ".obj"):
+            written = content(*mesh, suffix)
+            (Path(name) / f"ball{suffix}").write_bytes(written)
+            times, reading, found = [], [], 0.0
+            for _ in range(given.runs):
+                start = time.process_time()
+                found = answered(Path(name), suffix)
+                middle = time.process_time()
+                MESH_READERS[suffix](written, suffix)
+                times.append(middle - start)
+                reading.append(time.process_time() - middle)
+            print(f"{suffix} {len(mesh[0])} vertices: {min(times):.2f} s, read in {min(reading):.2f} s; {found:.3f} N")
+
+
+if __name__ == "__main__":
+    main()

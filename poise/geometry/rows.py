@@ -1,0 +1,34 @@
+"""Distinct rows of arrays."""
+
+import numpy as np
+
+from poise.types import Array, Indices
+
+_MOST_PACKED = 2**31
+
+
+def unique_rows(rows: Array | Indices) -> tuple[Indices, Indices]:
+    """Distinct rows of an array, in lexicographic order.
+
+    As `numpy.unique` with axis 0, which compares rows as records and takes five times as long.
+
+    Args:
+        rows: (N, C), finite.
+
+    Returns:
+        (K,) index of the first of each distinct row, and (N,) which of these each row is.
+    """
+    order = _order(rows)
+    ordered = rows[order]
+    new = np.append(np.ones(min(len(rows), 1), dtype=bool), np.any(ordered[1:] != ordered[:-1], axis=1))
+    number = np.empty(len(rows), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return order[new], number
+
+
+def _order(rows: Array | Indices) -> Indices:
+    """(N,) stable order of rows; pairs of small integers are packed into one number each."""
+    if rows.shape[1] == 2 and rows.dtype.kind == "i" and rows.size and rows.min() >= 0 and rows.max() < _MOST_PACKED:
+        packed = rows[:, 0].astype(np.int64) * _MOST_PACKED + rows[:, 1]
+        return np.argsort(packed, kind="stable")
+    return np.lexsort(rows.T[::-1])
