@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from poise.assembly import Analysis, Push, assess, load_scene
 from poise.shape.mesh_formats import MESH_READERS
@@ -46,21 +47,8 @@ def ball_with_flat(vertices: int) -> tuple[Array, Indices]:
 
 def content(points: Array, triangles: Indices, suffix: str) -> bytes:
     """A mesh as the bytes of a file: binary STL, binary PLY, or OBJ."""
-    if suffix == ".stl":
-        facets = np.zeros(len(triangles), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        facets["corners"] = points[triangles]
-        return bytes(80) + len(triangles).to_bytes(4, "little") + facets.tobytes()
-    if suffix == ".ply":
-        faces = np.zeros(len(triangles), [("n", "u1"), ("corners", "<i4", 3)])
-        faces["n"], faces["corners"] = 3, triangles
-        axes = "".join(f"property double {axis}\n" for axis in "xyz")
-        header = (
-            f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{axes}"
-            f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
-        )
-        return header.encode() + points.astype("<f8").tobytes() + faces.tobytes()
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points.tolist()]
-    return "\n".join(lines + [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]).encode()
+    written = trimesh.Trimesh(points, triangles, process=False).export(file_type=suffix[1:])
+    return written.encode() if isinstance(written, str) else written
 
 
 def answered(folder: Path, suffix: str) -> float:

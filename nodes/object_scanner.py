@@ -36,7 +36,6 @@ from poise.nodes.parameters import declare_parameters
 from poise.nodes.readiness import Readiness
 from poise.nodes.request_checks import newer_description
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, end_goal, guarded, to_message
-from poise.nodes.scanned_object import with_notes
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.sweep_execution import Motion, SweepExecution, motion_of_file
 from poise.nodes.sweep_planning import PLANNED, SweepPlanner
@@ -369,7 +368,8 @@ class ObjectScanner(ArmNode):
                 objects.append((scanned, found))
             except InputError as error:
                 if number == 0:
-                    raise with_notes(error, len(sweep.views), notes) from error
+                    said = [error.message, f"{len(sweep.views)} views were used", *notes]
+                    raise InputError(error.code, "; ".join(said), **error.data) from error
                 notes.append(f"what is at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")

@@ -48,8 +48,3 @@ def _cloud(message: SegmentedObject, name: str) -> tuple[Array | None, Mask | No
     if not np.isfinite(points).all():
         raise InputError(ErrorCode.NOT_FINITE, f"{name}: a point of its cloud is not finite")
     return (points, columns["seen"] > 0) if "seen" in columns else (None, None)
-
-
-def with_notes(error: InputError, views: int, notes: list[str]) -> InputError:
-    """The error, with how much was seen."""
-    return InputError(error.code, "; ".join([error.message, f"{views} views were used", *notes]), **error.data)

@@ -2,7 +2,7 @@
 
 - `pose`: `Pose`, the rigid pose of a frame in its parent.
 - `rotations`: rotation matrices from and to quaternions, about an axis, between two vectors.
-- `rows`: distinct rows of arrays.
+- `rows`: order of the rows of arrays, distinct rows, rows that are used.
 - `vectors`: unit vectors, axes in a plane, cross products, wrenches of forces.
 - `gravity`: the standard acceleration, and the default gravity vector.
 """
@@ -20,7 +20,7 @@ from poise.geometry.rotations import (
     rotation_of_vector,
     vector_of_rotation,
 )
-from poise.geometry.rows import unique_rows
+from poise.geometry.rows import row_order, unique_rows, used_rows
 from poise.geometry.vectors import cross, move_wrench, plane_axes, unit, wrench_of_force
 
 __all__ = [
@@ -38,8 +38,10 @@ __all__ = [
     "rotation_between",
     "rotation_of_quaternion",
     "rotation_of_vector",
+    "row_order",
     "unique_rows",
     "unit",
+    "used_rows",
     "vector_of_rotation",
     "wrench_of_force",
 ]

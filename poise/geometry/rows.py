@@ -1,8 +1,8 @@
-"""Distinct rows of arrays."""
+"""Order of the rows of arrays, distinct rows, and rows that are used."""
 
 import numpy as np
 
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _MOST_PACKED = 2**31
 
@@ -18,7 +18,7 @@ def unique_rows(rows: Array | Indices) -> tuple[Indices, Indices]:
     Returns:
         (K,) index of the first of each distinct row, and (N,) which of these each row is.
     """
-    order = _order(rows)
+    order = row_order(rows)
     ordered = rows[order]
     new = np.append(np.ones(min(len(rows), 1), dtype=bool), np.any(ordered[1:] != ordered[:-1], axis=1))
     number = np.empty(len(rows), dtype=np.int64)
@@ -26,9 +26,15 @@ def unique_rows(rows: Array | Indices) -> tuple[Indices, Indices]:
     return order[new], number
 
 
-def _order(rows: Array | Indices) -> Indices:
-    """(N,) stable order of rows; pairs of small integers are packed into one number each."""
+def row_order(rows: Array | Indices) -> Indices:
+    """(N,) lexicographic order of rows (N, C), stable; pairs of small integers are packed into one number each."""
     if rows.shape[1] == 2 and rows.dtype.kind == "i" and rows.size and rows.min() >= 0 and rows.max() < _MOST_PACKED:
         packed = rows[:, 0].astype(np.int64) * _MOST_PACKED + rows[:, 1]
         return np.argsort(packed, kind="stable")
     return np.lexsort(rows.T[::-1])
+
+
+def used_rows(numbers: Indices, count: int) -> tuple[Mask, Indices]:
+    """(count,) which rows an array of row numbers uses, and the array with the numbers among those."""
+    used = np.bincount(numbers.ravel(), minlength=count) > 0
+    return used, (np.cumsum(used) - 1)[numbers]

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import cross, unique_rows
+from poise.geometry import cross, unique_rows, used_rows
 from poise.types import Array, Indices
 
 _WELD = 1e-7
@@ -38,8 +38,8 @@ def repair(points: Array, triangles: Indices, name: str) -> tuple[Array, Indices
     size = float(np.ptp(points, axis=0).max())
     if not _volume(points, triangles) > _NO_VOLUME * size**3:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: the surface encloses no volume; give a closed mesh")
-    used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
-    return points[used], (np.cumsum(used) - 1)[triangles], tuple(notes)
+    used, corners = used_rows(triangles, len(points))
+    return points[used], corners, tuple(notes)
 
 
 def _weld(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, Indices]:

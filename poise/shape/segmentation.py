@@ -136,9 +136,11 @@ def segment(
     made = reconstruct(points, options.points, options.noise, normals, seen, doubt)
     notes = check_coverage(made.carved, made.solid, made.inside, made.misfit / max(made.noise, 1e-9))
     few, spacing = made.solid.vertices, made.spacing
-    shades = np.zeros_like(few) if colours is None else colours[made.rows]
+    shades, shading = np.zeros_like(few), 0.0
     graph = surface_graph(made.solid)
-    shades, shading = _paint(shades, few, graph, np.ones(len(few), bool) if seen is None else seen[made.rows])
+    if colours is not None:
+        known = np.ones(len(few), bool) if seen is None else seen[made.rows]
+        shades, shading = _paint(colours[made.rows], few, graph, known)
     features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals, shading)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import cross, unique_rows, unit
+from poise.geometry import cross, row_order, unique_rows, unit, used_rows
 from poise.ranges import check_range
 from poise.types import Array, Indices
 
@@ -75,9 +75,8 @@ class Polyhedron:
         corners, count = self.vertices[self.triangles], len(self.normals)
         a, b, c = np.moveaxis(corners, 1, 0)
         areas = np.linalg.norm(cross(b - a, c - a), axis=1) / 2
-        weighted = areas[:, None] * (a + b + c) / 3
-        sums = [np.bincount(self.facet_of_triangle, column, count) for column in (areas, *weighted.T)]
-        return np.asarray(sums[0], dtype=np.float64), np.stack(sums[1:], axis=1).astype(np.float64)
+        moments = areas[:, None] * (a + b + c) / 3
+        return _sums(self.facet_of_triangle, areas[:, None], count)[:, 0], _sums(self.facet_of_triangle, moments, count)
 
     @cached_property
     def facet_vertices(self) -> list[Indices]:
@@ -257,8 +256,8 @@ class Mesh:
 
     @cached_property
     def polyhedron(self) -> Polyhedron:
-        used = np.bincount(self._welded.ravel(), minlength=len(self.vertices)) > 0
-        return merge_facets(self.vertices[used], (np.cumsum(used) - 1)[self._welded])
+        used, triangles = used_rows(self._welded, len(self.vertices))
+        return merge_facets(self.vertices[used], triangles)
 
     @cached_property
     def _welded(self) -> Indices:
@@ -311,8 +310,7 @@ def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
     links = coo_array((np.ones(flat.sum()), pairs[flat].T), shape=(len(triangles), len(triangles)))
     count, facet = connected_components(links, directed=False)
     facet = facet.astype(np.int64)
-    sums = [np.bincount(facet, column, count) for column in (normals * areas[:, None]).T]
-    facet_normals = np.stack(sums, axis=1).astype(np.float64)
+    facet_normals = _sums(facet, normals * areas[:, None], count)
     sharp = facet[pairs[:, 0]] != facet[pairs[:, 1]]
     edges, edge_facets = ends[sharp], facet[pairs[sharp]]
     polyhedron = Polyhedron(vertices, triangles, facet, unit(facet_normals), edges, edge_facets, False)
@@ -343,10 +341,15 @@ def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array
     return normals / np.where(areas > 0, areas, 1)[:, None], areas
 
 
+def _sums(groups: Indices, values: Array, count: int) -> Array:
+    """(count, C) sums of the rows of values (N, C) in each group."""
+    return np.stack([np.bincount(groups, column, count) for column in values.T], axis=1).astype(np.float64)
+
+
 def _shared_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Pairs of triangles (P, 2) that share an edge, and the ends (P, 2) of that edge."""
     ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    order = np.argsort(ends[:, 1] * (ends.max(initial=0) + 1) + ends[:, 0], kind="stable")
+    order = row_order(ends[:, ::-1])
     same = np.all(ends[order][1:] == ends[order][:-1], axis=1)
     first, second = order[:-1][same], order[1:][same]
     return np.stack([first, second], axis=1) // 3, ends[first]

@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from poise.assembly.contact import triangle_areas
 from poise.assembly.scene import Cylinder, Polyhedron, Shape, Sphere
 from poise.geometry import Pose, plane_axes
 from poise.types import Array, Indices, Mask
@@ -53,8 +52,7 @@ class Facets:
 def facets_of(shape: Hashable) -> Facets:
     """The large flat faces of a shape; the caps of a cylinder; none of a ball."""
     polyhedron = cast(Shape, shape).polyhedron
-    areas = triangle_areas(polyhedron.vertices[polyhedron.triangles])
-    share = np.bincount(polyhedron.facet_of_triangle, areas, len(polyhedron.normals)) / areas.sum()
+    share = polyhedron.facet_areas / polyhedron.facet_areas.sum()
     chosen = np.arange(2) if isinstance(shape, Cylinder) else np.flatnonzero(share >= _LEAST_SHARE)
     chosen = chosen[:0] if isinstance(shape, Sphere) else chosen
     origins = np.array([polyhedron.vertices[polyhedron.facet_triangles[f][0, 0]] for f in chosen]).reshape(-1, 3)

@@ -38,8 +38,8 @@ class SensorCreep(Effect):
         return crept(recorded.seconds, recorded.prediction, nonlinear["time_constant"])[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        late = self.simulate(recorded, values)
-        return super().implausible(recorded, values) or imitates_gain(recorded.prediction, late)
+        refused = super().implausible(recorded, values)
+        return refused or imitates_gain(recorded.prediction, self.simulate(recorded, values))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded

@@ -55,8 +55,8 @@ class SensorNonlinearity(Effect):
         slope = 1.0 + 2.0 * quadratic * load + 3.0 * cubic * load**2
         i = int(np.argmin(slope.min(axis=0)))
         falls = f"the reading of {BIAS_PARAMETERS[i]} would fall with a rising load" if slope.min() <= 0.0 else ""
-        bent = imitates_gain(recorded.prediction, self.simulate(recorded, values))
-        return super().implausible(recorded, values) or falls or bent
+        refused = super().implausible(recorded, values) or falls
+        return refused or imitates_gain(recorded.prediction, self.simulate(recorded, values))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         shares = self._shares(recorded, values)

@@ -49,6 +49,7 @@ class CalibrationGroup:
     channels: int = 0
     lasting: bool = False
 
+    @cached_property
     def widened(self) -> "CalibrationGroup":
         """The errors of which another signal shows that they exceed their tolerances."""
         return replace(self, bound=_WIDENED * self.bound)

@@ -186,12 +186,9 @@ class Problem:
         if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
             made = make(recorded, self.model.tolerance)
-            made = tuple(self._widened(recorded, group) if group.name in self.widened else group for group in made)
+            made = tuple(group.widened if group.name in self.widened else group for group in made)
             self._made[:] = [(recorded, made)]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
-
-    def _widened(self, recorded: RecordedMotion, group: CalibrationGroup) -> CalibrationGroup:
-        return recorded.once(("widened", id(group)), group.widened) if group.lasting else group.widened()
 
     def regression(
         self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
