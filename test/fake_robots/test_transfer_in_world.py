@@ -45,7 +45,7 @@ def test_a_can_stands_on_the_cube_where_it_was_planned_and_was_weighed_on_the_wa
             motion = step.motion
             given = motion.times[1:], motion.position[1:], motion.velocity[1:], motion.acceleration[1:]
             arm.command(Waypoints(model.joint_names, *given))
-            now += motion.duration + 0.1
+            now += motion.duration + 0.3  # a command begins with the next message of the joints, up to 0.1 s later
         messages = list(itertools.takewhile(lambda message, until=now: message.time < until * 1e9, stream))
         data = [message.data for message in messages if message.topic == "wrench"][-1]
         force = typestore().deserialize_cdr(data, "geometry_msgs/msg/WrenchStamped").wrench.force
