@@ -12,7 +12,7 @@ from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import UnreportedBaseMotion, effect_named
 from poise.mismatch.inference import FittedEffect, effort_problem, exceeds_tolerance, wrench_problem
 from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, on_efforts, read_streams, with_rest
-from poise.mismatch.reading.load_on_efforts import MotionOnEfforts
+from poise.mismatch.reading.load_on_efforts import MotionOnEfforts, by_acceleration
 from poise.mismatch.recorded import RecordedMotion, joint_torques
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion, record
@@ -88,12 +88,40 @@ def test_a_base_motion_is_named_from_joint_efforts_alone() -> None:
     push = 0.5 * np.sin(speed * (effort.seconds - 5.0)) * window
     acting = acting_on_efforts(UnreportedBaseMotion())
     assert isinstance(acting, MotionOnEfforts)
-    felt = acting.by_acceleration(reading.recorded)[0][:, :, 0] * push[:, None]
+    felt = by_acceleration(reading.recorded)[0][:, :, 0] * push[:, None]
     moved = replace(reading.recorded, effort=replace(effort, measured=effort.measured + felt))
     library = effects_called(["base_motion", "coulomb_friction", "payload_parameters", "effort_offset"])
     found = diagnose(moved, reading.model, library=library)
     assert [each.effect.name for each in found.findings] == ["base_motion"]
     assert found.findings[0].windows[0] == pytest.approx((5.0, 6.5), abs=0.4)
+
+
+def test_a_base_that_rises_is_gravity_that_grows() -> None:
+    reading = read(Recorded(seconds=5.0, effort_noise=0.0).joints())
+    effort, robot = reading.recorded.effort, RobotModel.from_urdf(ARM, "link_3")
+    assert effort is not None
+    motion = JointMotion(effort.position, effort.velocity, effort.acceleration)
+    lifted, usual = (IdealRobot(robot, np.zeros(10), [0.0, 0.0, -size]).effort(motion) for size in (G + 0.3, G))
+    assert 0.3 * by_acceleration(reading.recorded)[0][:, :, 2] == pytest.approx(lifted - usual, abs=1e-9)
+
+
+def test_a_vibration_is_named_from_the_efforts_of_one_axis() -> None:
+    """A line of 0.3 of the noise for four of ten seconds; the efforts of the other blocks do not show it."""
+    text = urdf(("axis", "revolute", "0 1 0"))
+    reading = read(Recorded(text=text, seconds=10.0).joints(), text)
+    effort = reading.recorded.effort
+    assert effort is not None
+    felt = by_acceleration(reading.recorded)[0]
+    inside = (effort.seconds > 4.0) & (effort.seconds < 8.0)
+    size = 0.5 * float(np.diff(effort.measured - effort.rigid, axis=0).std()) / float(np.abs(felt[:, :, 2]).max())
+    push = size * np.sin(2.0 * np.pi * 13.0 * effort.seconds) * inside
+    shaken = replace(reading.recorded, effort=replace(effort, measured=effort.measured + felt[:, :, 2] * push[:, None]))
+    library = effects_called(["external_vibration", "gear_ripple", "viscous_friction", "payload_parameters"])
+    found = diagnose(shaken, reading.model, library=library)
+    assert [each.effect.name for each in found.findings] == ["external_vibration"]
+    assert found.findings[0].values["frequency"] == pytest.approx(13.0, abs=0.05)
+    assert found.findings[0].windows[0] == pytest.approx((4.0, 8.0), abs=0.5)
+    assert diagnose(reading.recorded, reading.model, library=library).verdict == "none"
 
 
 def test_a_contact_at_the_end_of_its_reach_is_no_answer_for_efforts() -> None:
@@ -200,8 +228,9 @@ def test_other_effects_that_fit_one_joint_as_well_are_listed() -> None:
     reading = read(Recorded(text=text, seconds=8.0, effort_noise=0.1).joints(), text)
     effort = reading.recorded.effort
     assert effort is not None
-    assert effort.by_tilt is not None
-    tilted = replace(effort, measured=effort.measured + effort.by_tilt @ np.array([0.0, 0.05]))
+    by_tilt = effort.by_tilt(9.81)
+    assert by_tilt is not None
+    tilted = replace(effort, measured=effort.measured + by_tilt @ np.array([0.0, 0.05]))
     found = diagnose(replace(reading.recorded, effort=tilted), NominalModel(phi=np.zeros(10)))
     assert not found.findings
     assert found.verdict == "unknown"

@@ -167,7 +167,7 @@ def _belief(
         sum(compared.values()),
         len(against) - len(compared),
         not part.effect.transfers,
-        variation.gain / (EQUAL_EVIDENCE + _VARIES * max(proof.evidence, 0.0)),
+        variation.gain / (EQUAL_EVIDENCE + (_VARIES + part.effect.lacks) * max(proof.evidence, 0.0)),
     )
     counts = against | {rival: value * math.exp(-WEIGHTS[2]) for rival, value in compared.items()}
     reported = sorted(((rival, basis.probability * value) for rival, value in counts.items()), key=_second)

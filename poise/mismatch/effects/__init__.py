@@ -11,6 +11,7 @@ from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_p
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
+from poise.mismatch.effects.external_vibration import ExternalVibration
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
@@ -29,6 +30,7 @@ __all__ = [
     "SLOWEST_VIBRATION",
     "Effect",
     "EffectParameter",
+    "ExternalVibration",
     "UnreportedBaseMotion",
     "Values",
     "all_effects",

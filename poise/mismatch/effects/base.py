@@ -134,6 +134,8 @@ class Effect(ABC):
         needs: what the recording must hold: any of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
         knocks: its response is a row of knocks, whose moments are known roughly.
+        lacks: share of the response of the real thing that its law leaves out, whose trace in the residual is not
+            against it.
         varies: by its nature its size changes with time or place, which is then not against it.
         free_course: of an event: splines fit its time course, so that one half of it does not predict the other.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
@@ -163,6 +165,7 @@ class Effect(ABC):
     fast: ClassVar[bool] = False
     knocks: ClassVar[bool] = False
     varies: ClassVar[bool] = False
+    lacks: ClassVar[float] = 0.0
     free_course: ClassVar[bool] = False
     made_of: ClassVar[tuple[str, ...]] = ()
     general: ClassVar[bool] = False

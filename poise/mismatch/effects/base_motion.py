@@ -20,7 +20,7 @@ _CHAINED = 2.5
 """s between bursts of one motion: a swaying base stands still for a moment at every reversal."""
 _MARGIN = 0.15
 """s by which a window may be wider than the burst that exceeds the noise."""
-_STRONGEST, _FARTHEST = 2.0, 0.5
+_STRONGEST, _FARTHEST = 2.0, 1.0
 """m/s2 and m: what a base that slips, sways or is pushed does at most; wheels lose their grip at about 0.2 g."""
 _HIDDEN, _ROUNDED = 3.0, 10.0
 """Sigmas of the measured position up to which a displacement is an error of the measured motion; the second while the

@@ -3,8 +3,10 @@
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_wrench import coarsely
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
@@ -12,6 +14,16 @@ _ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 _HOOK = ("x", "y", "z")
 _LEAST_WAY = 0.02
 """m that the tool must travel to change a cable's length."""
+_APART = 0.03
+"""s between the samples from which anchors are searched."""
+_DISTANCES = (0.3, 0.7, 1.2, 2.0)
+"""m, along the mean force, of anchors from which the search begins: the lines of small motions hardly meet."""
+_SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
+"""Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
+_REFINED, _STEPS, _KEPT = 3, 12, 2
+"""Cords that are refined, steps of each, and starting points."""
+_FARTHEST = 3.0
+"""m from the middle of the path to an anchor."""
 
 
 class Cable(Effect):
@@ -46,27 +58,17 @@ class Cable(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The residual forces point at the anchor: the point nearest to all their lines; then force against length."""
+        """Cords, with their hook at the sensor, that explain the residual forces: the best for anchors near and far."""
+        few, left = coarsely(recorded, residual, _APART)
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
-            hook, turn = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
-            force = np.einsum("nji,nj->ni", turn, recorded.to_world(residual[:, :3]))
-            square = np.einsum("ni,ni->n", force, force)
-            # Weighted by the force's square: sum (|f|^2 1 - f f^T)(x - hook) = 0.
-            across = square[:, None, None] * np.eye(3) - force[:, :, None] * force[:, None, :]
-            normal = across.sum(axis=0) + 1e-3 * float(square.sum()) * np.eye(3) / 3
-            pull = np.einsum("nij,nj->i", across, hook) + 1e-3 * float(square.sum()) / 3 * hook.mean(axis=0)
-            anchor = np.linalg.solve(normal + 1e-9 * np.eye(3), pull)
-            length = np.linalg.norm(anchor - hook, axis=1)
-            along = np.einsum("ni,ni->n", force, anchor - hook) / np.maximum(length, 1e-6)
-            slope = float(np.cov(length, along)[0, 1]) / max(float(np.var(length)), 1e-12)
-            level = float(along.mean()) - slope * float(length.mean())
-            rest = float(np.clip(-level / slope if slope > 0 else 0.0, 0.0, 0.98 * length.max()))
-            for slack in sorted({0.7 * float(length.min()), rest, float(np.quantile(length, 0.3))}):
+            place, turn = self._hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
+            force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
+            for anchor, rest in _likely_cords(place, force, few.seconds):
                 yield {
                     "on_base": on_base,
                     **dict(zip(_ANCHOR, anchor.tolist(), strict=True)),
                     **dict.fromkeys(_HOOK, 0.0),
-                    "rest_length": slack,
+                    "rest_length": rest,
                 }
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -106,3 +108,46 @@ class Cable(Effect):
             turn = recorded.base.rotation_world_base
             return np.einsum("nji,nj->ni", turn, place - recorded.base.position_in_world), turn
         return place, np.broadcast_to(np.eye(3), (len(recorded), 3, 3))
+
+
+def _likely_cords(place: Array, force: Array, seconds: Array) -> list[tuple[Array, float]]:
+    """(anchor (3,), rest length) of the cords from places (N, 3) that explain forces (N, 3) best; the best first."""
+    middle, pull = place.mean(axis=0), force.mean(axis=0)
+    along = pull / max(float(np.linalg.norm(pull)), 1e-9)
+    found = []
+    for anchor in (_meeting(place, force), *(middle + distance * along for distance in _DISTANCES)):
+        length = np.linalg.norm(anchor - place, axis=1)
+        for rest in np.quantile(length, _SLACK) - _TAUT * np.equal(_SLACK, 0.0) * float(np.ptp(length)):
+            found.append((_unexplained(np.append(anchor, rest), place, force, seconds), anchor, float(rest)))
+    found.sort(key=lambda each: float(each[0] @ each[0]))
+    refined = []
+    for _, anchor, rest in found[:_REFINED]:
+        begin = np.append(anchor, rest)
+        near = least_squares(_unexplained, begin, args=(place, force, seconds), max_nfev=_STEPS, x_scale=0.1)
+        far = float(np.linalg.norm(near.x[:3] - middle))
+        if near.x[3] > 0.0 and far < _FARTHEST:
+            refined.append((float(near.cost), near.x[:3], float(near.x[3])))
+    refined += [(float(each @ each), anchor, max(rest, 0.0)) for each, anchor, rest in found[:1]]
+    return [(anchor, rest) for _, anchor, rest in sorted(refined, key=lambda each: each[0])[:_KEPT]]
+
+
+def _meeting(place: Array, force: Array) -> Array:
+    """(3,) the point nearest to the lines of all forces by their squares: sum (|f|^2 1 - f f^T) (x - p) = 0."""
+    square = np.einsum("ni,ni->n", force, force)
+    across = square[:, None, None] * np.eye(3) - force[:, :, None] * force[:, None, :]
+    loose = 1e-3 * float(square.sum()) / 3
+    normal = across.sum(axis=0) + (loose + 1e-9) * np.eye(3)
+    return np.linalg.solve(normal, np.einsum("nij,nj->i", across, place) + loose * place.mean(axis=0))
+
+
+def _unexplained(cord: Array, place: Array, force: Array, seconds: Array) -> Array:
+    """(3 N,) what the best stiffness and damping of a cord (anchor, rest length) leave of the forces."""
+    away = cord[:3] - place
+    length = np.linalg.norm(away, axis=1)
+    toward = away / np.maximum(length, 1e-6)[:, None]
+    stretch = np.maximum(length - cord[3], 0.0)
+    sizes = np.stack([stretch, (stretch > 0.0) * np.gradient(length, seconds)])
+    columns = (sizes[:, :, None] * toward).reshape(2, -1)
+    square = columns @ columns.T + 1e-12 * np.eye(2)
+    values = np.maximum(np.linalg.solve(square, columns @ force.ravel()), 0.0)
+    return np.asarray(force.ravel() - values @ columns)

@@ -20,6 +20,9 @@ _RAMP = 0.1
 _CLEAR = 0.1
 """Share of the robot's own acceleration that a line must exceed: splines smooth a jerk by up to 4 % of it, and joints
 that ring by less hide it in the noise of their encoders."""
+_RINGS = 1.0
+"""s after which a joint rings with another phase: in a longer line its errors add up like noise, unless the arm itself
+moves at that frequency."""
 _FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is another event."""
 
@@ -61,7 +64,10 @@ class ExternalVibration(Effect):
         if recorded.accelerometer is not None:
             yield from felt.starts(recorded, residual)
             return
-        shake = shaking(recorded, residual)
+        yield from self.oscillations(recorded, shaking(recorded, residual))
+
+    def oscillations(self, recorded: RecordedMotion, shake: Array) -> Iterable[Values]:
+        """Windows and frequencies from an unreported acceleration (N, 3) in world axes."""
         for frequency, begin, end in self._lines(recorded, shake):
             near = frequency + np.linspace(-0.6, 0.6, 61) / _STRETCH
             inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
@@ -75,15 +81,20 @@ class ExternalVibration(Effect):
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         if recorded.accelerometer is not None:
             return felt.columns(recorded, nonlinear)
-        start, length = nonlinear["start"], nonlinear["length"]
-        since = recorded.seconds - start
+        waves = self.waves(recorded.seconds, nonlinear)
+        answer = shaking_columns(recorded, None if recorded.base is None else recorded.base.rotation_world_base)
+        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(recorded), 6, 6))
+
+    @staticmethod
+    def waves(seconds: Array, values: Values) -> Array:
+        """(M, 2) the sine and the cosine at stamps (M,); zero outside the window."""
+        start, length = values["start"], values["length"]
+        since = seconds - start
         ramp = min(_RAMP, length / 4)
         size = np.clip(np.minimum(since, length - since) / ramp + 0.5, 0.0, 1.0)
         # Phases count from the middle of the window: they then hardly depend on the frequency.
-        turn = 2.0 * np.pi * nonlinear["frequency"] * (since - length / 2)
-        waves = np.stack([np.sin(turn), np.cos(turn)], axis=1) * size[:, None]
-        answer = shaking_columns(recorded, None if recorded.base is None else recorded.base.rotation_world_base)
-        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(recorded), 6, 6))
+        turn = 2.0 * np.pi * values["frequency"] * (since - length / 2)
+        return np.stack([np.sin(turn), np.cos(turn)], axis=1) * size[:, None]
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         if recorded.accelerometer is not None:
@@ -137,11 +148,13 @@ class ExternalVibration(Effect):
     def _clear(recorded: RecordedMotion, shake: Array, frequency: float, span: tuple[float, float]) -> bool:
         """Whether a line exceeds the error of differentiated encoders during this motion."""
         inside = (recorded.seconds >= span[0]) & (recorded.seconds <= span[1])
+        own = recorded.linear_acceleration[inside]
         window = np.hanning(int(inside.sum()) + 2)[1:-1]
         wave = np.exp(-2j * np.pi * frequency * recorded.seconds[inside]) * window / window.sum()
-        amplitude = 2.0 * float(np.linalg.norm(wave @ shake[inside]))
-        own = np.sqrt(np.mean(np.sum(recorded.linear_acceleration[inside] ** 2, axis=1)))
-        return bool(amplitude > _CLEAR * own)
+        amplitude, moved = (2.0 * float(np.linalg.norm(wave @ part)) for part in (shake[inside], own))
+        error = _CLEAR * float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
+        lasts = np.sqrt(_RINGS / max(span[1] - span[0], _RINGS))
+        return bool(amplitude > min(error, max(error * lasts, moved)))
 
     @staticmethod
     def _span(recorded: RecordedMotion, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:

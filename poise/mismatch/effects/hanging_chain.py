@@ -42,6 +42,7 @@ class HangingChain(Effect):
     confused_with = ("slosh", "base_motion", "flexible_mode", "cable", "air_drag")
     needs = ("load",)
     made_of = ("slosh",)
+    lacks = 4.0 / 8.654**2  # the third mode of a rope
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded

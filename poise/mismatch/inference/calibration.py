@@ -151,7 +151,8 @@ def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Toleran
     each = np.arange(len(track.names))
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
-    tilt = none if track.by_tilt is None else track.by_tilt
+    tilted = track.by_tilt(float(np.linalg.norm(recorded.gravity[0])))
+    tilt = none if tilted is None else tilted
     rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None], lasting=True),)
     return (
         CalibrationGroup("payload", payload, lasting=True),

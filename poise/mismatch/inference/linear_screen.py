@@ -17,7 +17,7 @@ from poise.mismatch.effects import Effect, Values
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.linearised import PRIOR_SCALES
 from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.mismatch.recorded import EffortTrack, LinkTrack, RecordedMotion
 from poise.types import Array
 
 _BLOCKS = 6
@@ -46,7 +46,10 @@ _FLOOR = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class _Family:
-    """An effect at some of its non-linear values, with the columns (R, J, k) of its linear parameters."""
+    """An effect at some of its non-linear values, with the columns (R, J, k) of its linear parameters.
+
+    event: what the other blocks show does not predict it: it is brief, or its course is free inside a window.
+    """
 
     effect: Effect | None
     values: Values
@@ -54,6 +57,7 @@ class _Family:
     precision: Array
     lower: Array
     upper: Array
+    event: bool = False
 
     @property
     def name(self) -> str:
@@ -152,7 +156,8 @@ class _Screen:
             for start in effect.starts(recorded, left):
                 columns = effect.columns(recorded, start)
                 columns = columns if beside is None else self._mean(columns)
-                family = _Family(effect, dict(start), columns, precision, lower, upper)
+                event = effect.free_course or _brief(effect, recorded, start)
+                family = _Family(effect, dict(start), columns, precision, lower, upper, event)
                 self._families.append(family)
         return _summed(self._families, self._target, self._floor, self._noise)
 
@@ -260,7 +265,7 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
             family = sums.families[i]
             effect = family.effect
             # General effects are tried after all others, since they can imitate several of them.
-            if effect is None or effect.made_of or _event(sums, i) or effect.general_at(family.values) > general:
+            if effect is None or effect.made_of or sums.families[i].event or effect.general_at(family.values) > general:
                 continue
             if family.name in names:
                 continue
@@ -276,16 +281,17 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
     return chosen
 
 
-def _event(sums: _Sums, family: int) -> bool:
-    """Whether its course is free inside a window: what the other blocks show does not predict it."""
-    effect = sums.families[family].effect
-    return effect is not None and effect.free_course
+def _brief(effect: Effect, recorded: RecordedMotion, start: Values) -> bool:
+    """Whether a fast event begins or ends within a recording."""
+    begin, end = recorded.seconds[[0, -1]]
+    windows = effect.windows(recorded, start) if effect.layer == "event" and effect.fast else ()
+    return any(first > begin or last < end for first, last in windows)
 
 
 def _with_event(sums: _Sums, chosen: list[int]) -> list[int]:
     """With the event that explains most beyond its number of free parameters."""
-    events = [i for i in range(1, len(sums.families)) if _event(sums, i) and i not in chosen]
-    if not events or any(_event(sums, i) for i in chosen):
+    events = [i for i in range(1, len(sums.families)) if sums.families[i].event and i not in chosen]
+    if not events or any(sums.families[i].event for i in chosen):
         return chosen
     variance = _begun(sums, chosen)[1]
     without = _square(sums, chosen, variance)
@@ -328,7 +334,7 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
     while chosen:
         after, variance = _begun(sums, chosen)
         without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
-        idle = [i for i in chosen if not (_event(sums, i) or _proven(sums, without[i], after, variance))]
+        idle = [i for i in chosen if not (sums.families[i].event or _proven(sums, without[i], after, variance))]
         if not idle:
             break
         chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
@@ -338,7 +344,7 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
 def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
     """With the best non-linear values of each effect among those tried; general ones must be clearly better."""
     for place, i in enumerate(chosen):
-        if _event(sums, i):
+        if sums.families[i].event:
             continue
         variance = _begun(sums, chosen)[1]
         alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]

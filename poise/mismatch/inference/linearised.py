@@ -69,7 +69,8 @@ class Linearised:
             parameters = part.effect.parameters(recorded)
             matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
             rows = [k for k, (j, _) in enumerate(own) if j == i]
-            places = [parameters.index(own[k][1]) for k in rows]
+            place_of = {p.name: place for place, p in enumerate(parameters)}
+            places = [place_of[own[k][1].name] for k in rows]
             # From places in the prior to values: dv/du by differences.
             rates = np.array([_rate(p, part.values[p.name]) for p in (parameters[place] for place in places)])
             matrix[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(rates, rates)

@@ -143,8 +143,9 @@ def effort_track(
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
     variance = None if errors is None else _variance(errors, inertia, (by_base @ robot.coupling)[:, :, known], known)
-    tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    track = EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, tilt, variance)
+    by_gravity = np.einsum("nik,ij->njk", _by_gravity(loaded, whole.q, moving), robot.coupling)[:, known]
+    efforts = (measured[:, known], rigid, rigid)
+    track = EffortTrack(seconds, names, *parts, *efforts, by_q, inertia, links, by_gravity, variance)
     return replace(track, prismatic=robot.prismatic)
 
 
@@ -156,12 +157,12 @@ def _variance(errors: AccelerationSigma, inertia: Array, by_base: Array, known: 
     return np.asarray(variance)
 
 
-def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:
-    """(M, V, 2) derivative of the torque by the rotation of the base about x and y of the world."""
+def _by_gravity(model: pin.Model, positions: Array, moving: int) -> Array:
+    """(M, V, 3) derivative of the torque by gravity along x, y and z of the world."""
     data = model.createData()
-    out = np.empty((len(positions), moving, 2))
-    for axis, turned in enumerate(([0.0, -gravity, 0.0], [gravity, 0.0, 0.0])):
-        model.gravity.linear = np.array(turned)
+    out = np.empty((len(positions), moving, 3))
+    for axis, along in enumerate(np.eye(3)):
+        model.gravity.linear = along
         for i, q in enumerate(positions):
             out[i, :, axis] = pin.computeGeneralizedGravity(model, data, q)[-moving:]
     return out

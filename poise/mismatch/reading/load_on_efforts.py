@@ -11,6 +11,7 @@ from poise.mismatch.effects import (
     MAX_SPLINES,
     Effect,
     EffectParameter,
+    ExternalVibration,
     UnreportedBaseMotion,
     Values,
 )
@@ -19,7 +20,7 @@ from poise.types import Array
 
 _SHOWN = ("payload_parameters", "world_force", "air_drag", "flywheel", "cable", "mass_step", "mass_leak", "contact")
 """Effects that act on the load from outside, or change it: efforts alone can show them."""
-_WITHOUT_WRENCH = (*_SHOWN, "base_tilt", "joint_offset")
+_WITHOUT_WRENCH = (*_SHOWN, "base_tilt", "joint_offset", "external_vibration")
 _CALM = 0.05
 """s, one sigma of the filter that removes the noise of a wrench."""
 
@@ -31,13 +32,9 @@ class _OnEfforts(Effect):
 
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
-        same = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with", "transfers")
-        vars(self).update(
-            {
-                name: getattr(inner, name)
-                for name in (*same, "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
-            }
-        )
+        words = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with")
+        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
+        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks")})
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -104,13 +101,11 @@ class TiltOnEfforts(_OnEfforts):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         track = recorded.effort
-        if track is None or track.by_tilt is None:
-            return super().columns(recorded, nonlinear)
-        return track.by_tilt
+        by_tilt = None if track is None else track.by_tilt(float(np.linalg.norm(recorded.gravity[0])))
+        return super().columns(recorded, nonlinear) if by_tilt is None else by_tilt
 
     def untestable(self, recorded: RecordedMotion) -> str:
-        known = recorded.effort is not None and recorded.effort.by_tilt is not None
-        return super().untestable(recorded) or ("" if known else "the mass of the arm is not known")
+        return super().untestable(recorded) or _unknown_mass(recorded)
 
 
 class OffsetOnEfforts(_OnEfforts):
@@ -143,18 +138,16 @@ class MotionOnEfforts(_OnEfforts):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """From the accelerations that explain the residual (M, J) of the efforts."""
-        by_motion, seconds = self.by_acceleration(recorded)
-        square = np.einsum("mjx,mjy->mxy", by_motion, by_motion)
-        square += 0.01 * float(np.trace(square.mean(axis=0))) * np.eye(2) + 1e-12 * np.eye(2)
-        level = np.linalg.solve(square, np.einsum("mjx,mj->mx", by_motion, residual)[:, :, None])[:, :, 0]
+        by_motion, seconds = by_acceleration(recorded)
+        level = _acceleration(by_motion[:, :, :2], residual)
         for start in self._motion.moves(recorded, at_times(seconds, level, recorded.seconds)):
             yield {**start, "splines": float(min(start["splines"], self._splines))}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        by_motion, seconds = self.by_acceleration(recorded)
+        by_motion, seconds = by_acceleration(recorded)
         rows, rates = self._motion.rates(seconds, nonlinear)
         out = np.zeros((*by_motion.shape[:2], 2 * self._splines))
-        waves = rates[:, None, :, None] * by_motion[rows, :, None, :]
+        waves = rates[:, None, :, None] * by_motion[rows, :, None, :2]
         out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), by_motion.shape[1], 2 * rates.shape[1])
         return out
 
@@ -166,17 +159,63 @@ class MotionOnEfforts(_OnEfforts):
         return self._motion.implausible(recorded, {**dict.fromkeys(unused, 0.0), **values})
 
     def untestable(self, recorded: RecordedMotion) -> str:
-        known = recorded.effort is not None and recorded.effort.by_tilt is not None
-        return super().untestable(recorded) or ("" if known else "the mass of the arm is not known")
+        return super().untestable(recorded) or _unknown_mass(recorded)
 
-    @staticmethod
-    def by_acceleration(recorded: RecordedMotion) -> tuple[Array, Array]:
-        """(M, J, 2) efforts by the acceleration of the base along x and y of the world, and their stamps (M,)."""
-        track = recorded.effort
-        if track is None or track.by_tilt is None:
-            return np.zeros((0, 0, 2)), np.zeros(0)
-        size = float(np.linalg.norm(recorded.gravity[0]))
-        return np.stack([-track.by_tilt[:, :, 1], track.by_tilt[:, :, 0]], axis=2) / size, track.seconds
+
+class VibrationOnEfforts(_OnEfforts):
+    """A vibration of the base on the efforts of arm and load: for them gravity oscillates."""
+
+    def __init__(self, inner: ExternalVibration) -> None:
+        super().__init__(inner)
+        self._vibration = inner
+
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """Lines in the accelerations that explain the residual (M, J) of the efforts."""
+        by_motion, seconds = by_acceleration(recorded)
+        shake = at_times(seconds, _acceleration(by_motion, residual), recorded.seconds)
+        yield from self._vibration.oscillations(recorded, shake)
+
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        by_motion, seconds = by_acceleration(recorded)
+        answer = by_motion
+        if recorded.base is not None:
+            turns = recorded.base.rotation_world_base.reshape(-1, 9)
+            answer = by_motion @ at_times(recorded.seconds, turns, seconds).reshape(-1, 3, 3)
+        waves = self._vibration.waves(seconds, nonlinear)
+        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(*answer.shape[:2], 6))
+
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        return self._vibration.windows(recorded, values)
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        return self._vibration.implausible(recorded, values)
+
+    def untestable(self, recorded: RecordedMotion) -> str:
+        measured = recorded.accelerometer is not None
+        felt = "the accelerometer on the sensor measures it, and there is no wrench that responds" if measured else ""
+        return super().untestable(recorded) or felt or _unknown_mass(recorded)
+
+
+def _unknown_mass(recorded: RecordedMotion) -> str:
+    """Why the base's motion does not show in the efforts; "" where it does."""
+    known = recorded.effort is not None and recorded.effort.by_gravity is not None
+    return "" if known else "the mass of the arm is not known"
+
+
+def by_acceleration(recorded: RecordedMotion) -> tuple[Array, Array]:
+    """(M, J, 3) efforts by the acceleration of the base along the axes of the world, and their stamps (M,)."""
+    track = recorded.effort
+    if track is None or track.by_gravity is None:
+        return np.zeros((0, 0, 3)), np.zeros(0)
+    return -track.by_gravity, track.seconds
+
+
+def _acceleration(by_motion: Array, residual: Array) -> Array:
+    """(M, k) m/s2: the least accelerations that explain a residual (M, J) of efforts with columns (M, J, k)."""
+    square = np.einsum("mjx,mjy->mxy", by_motion, by_motion)
+    count = square.shape[1]
+    square += (0.01 * float(np.trace(square.mean(axis=0))) + 1e-12) * np.eye(count)
+    return np.asarray(np.linalg.solve(square, np.einsum("mjx,mj->mx", by_motion, residual)[:, :, None])[:, :, 0])
 
 
 def acting_on_efforts(effect: Effect) -> Effect | None:
@@ -185,6 +224,8 @@ def acting_on_efforts(effect: Effect) -> Effect | None:
         return LoadOnEfforts(effect)
     if isinstance(effect, UnreportedBaseMotion):
         return MotionOnEfforts(effect)
+    if isinstance(effect, ExternalVibration):
+        return VibrationOnEfforts(effect)
     known = {"base_tilt": TiltOnEfforts, "joint_offset": OffsetOnEfforts}.get(effect.name)
     return None if known is None else known(effect)
 

@@ -89,7 +89,8 @@ class EffortTrack:
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
         links: what each link adds; None when it was not computed.
-        by_tilt: (M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world, or None.
+        by_gravity: (M, J, 3) N m per m/s2, d rigid by gravity along the axes of the world; None where the mass of the
+            arm is not known. The base's acceleration acts like gravity against it.
         motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
         by_rest: (M, J) efforts of the part of the wrench that no effect explains; None: there is none.
         prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
@@ -110,7 +111,7 @@ class EffortTrack:
     by_position: Array
     by_acceleration: Array
     links: LinkTrack | None = None
-    by_tilt: Array | None = None
+    by_gravity: Array | None = None
     motion_variance: Array | None = None
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
@@ -121,6 +122,15 @@ class EffortTrack:
     def accelerating(self) -> Array:
         """(M, J) the part of `rigid` that accelerations need: the joint-space inertia times them."""
         return np.asarray(np.einsum("mij,mj->mi", self.by_acceleration, self.acceleration))
+
+    def by_tilt(self, gravity: float) -> Array | None:
+        """(M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world; None: see `by_gravity`.
+
+        Args:
+            gravity: m/s2, downwards.
+        """
+        turned = np.array([[0.0, gravity], [-gravity, 0.0], [0.0, 0.0]])
+        return None if self.by_gravity is None else np.asarray(self.by_gravity @ turned)
 
     def select(self, rows: Mask) -> "EffortTrack":
         """The samples of a mask (M,)."""

@@ -1,5 +1,7 @@
 """Events against what the simulation says of a payload or a base that really does it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
@@ -115,6 +117,27 @@ def test_a_base_that_shakes_is_a_base_that_shakes():
     derived = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
     assert derived["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
     assert abs(derived["direction_x"][0]) == pytest.approx(1.0)
+
+
+def test_a_weak_line_counts_where_it_lasts_and_the_arm_does_not_move_at_its_frequency():
+    """Errors of differentiated encoders change their phase; an arm that oscillates has them at its own frequency."""
+    at = recorded(jitter=0.0)
+    own = float(np.sqrt(np.mean(np.sum(at.linear_acceleration**2, axis=1))))
+    wave = np.sin(2.0 * np.pi * 13.0 * at.seconds)
+    inside = (at.seconds > 1.0) & (at.seconds < at.seconds[-1] - 1.0)
+
+    def found(size, lasts=inside, moving=0.0):
+        shaken = at.linear_acceleration + moving * own * wave[:, None]
+        residual = np.zeros((len(at), 6))
+        residual[:, :3] = -size * own * at.phi[0] * (wave * lasts)[:, None] * at.to_sensor(np.array([0.0, 0.0, 1.0]))
+        noise = np.random.default_rng(1).normal(size=residual.shape) * np.repeat([0.1, 0.005], 3)
+        moved = replace(at, linear_acceleration=shaken)
+        return list(effect_named("external_vibration").starts(moved, residual + noise))
+
+    assert at.duration > 15.0
+    assert found(0.06)[0]["frequency"] == pytest.approx(13.0, abs=0.02)
+    assert not found(0.06, moving=0.2)
+    assert not found(0.06, lasts=(at.seconds > 5.0) & (at.seconds < 6.0))
 
 
 def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():
