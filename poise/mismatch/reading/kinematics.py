@@ -143,9 +143,8 @@ def effort_track(
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
     variance = None if errors is None else _variance(errors, inertia, (by_base @ robot.coupling)[:, :, known], known)
-    by_gravity = np.einsum("nik,ij->njk", _by_gravity(loaded, whole.q, moving), robot.coupling)[:, known]
-    efforts = (measured[:, known], rigid, rigid)
-    track = EffortTrack(seconds, names, *parts, *efforts, by_q, inertia, links, by_gravity, variance)
+    felt = np.einsum("nik,ij->njk", _by_gravity(loaded, whole.q, moving), robot.coupling)[:, known]
+    track = EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, felt, variance)
     return replace(track, prismatic=robot.prismatic)
 
 
