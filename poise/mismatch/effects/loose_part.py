@@ -216,7 +216,7 @@ class LoosePart(Effect):
                 x0=places,
                 popsize=2,
                 maxiter=generations,
-                init="sobol",
+                init="latinhypercube",  # "sobol" would import scipy.stats: 0.7 s
                 tol=0.0,
                 polish=False,
                 rng=0,
