@@ -34,8 +34,8 @@ def evidence(folder: Path, case: str, names: Sequence[str]) -> float:
     won = [-math.inf]
     for each in found.examinations:
         nominal = each.search.fits[()].log_evidence
-        won += [fit.log_evidence - nominal for key, fit in each.search.fits.items() if key]
-        won += [gain for (key, _), gain in each.search.gains.items() if not key]
+        won += [fit.log_evidence - nominal for key, fit in each.search.fits.items() if key and set(key) <= set(names)]
+        won += [gain for (key, name), gain in each.search.gains.items() if not key and name in names]
     return max(won)
 
 
