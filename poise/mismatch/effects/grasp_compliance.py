@@ -9,7 +9,7 @@ from poise.geometry import cross
 from poise.inertia.model import symmetric
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
-from poise.mismatch.effects.part_wrench import coarsely, specific_at
+from poise.mismatch.effects.part_wrench import beside_errors, coarsely, specific_at
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -49,19 +49,17 @@ class GraspCompliance(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The best of several stiffnesses and heights."""
+        """The best of several stiffnesses and heights, beside what errors of bias, gains and centre of mass explain."""
         recorded, residual = coarsely(recorded, residual, _STARTING)
         weight = np.repeat([1.0, 20.0], 3)
-        wanted = (residual - residual.mean(axis=0)) * weight
-        scores = []
+        wanted, scores = beside_errors(recorded, residual) * weight, []
         for height in (0.0, 0.05):
             for stiffness in np.geomspace(25.0, 1000.0, 6):
                 values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
                 response = recorded.once(
                     ("grasp", height, stiffness), partial(self._simulated, recorded, values, rounds=1)
                 )
-                response = response * weight
-                scores.append((float(np.sum((wanted - response + response.mean(axis=0)) ** 2)), values))
+                scores.append((float(np.sum((wanted - beside_errors(recorded, response) * weight) ** 2)), values))
         yield min(scores, key=lambda item: item[0])[1]
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:

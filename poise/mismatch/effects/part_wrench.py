@@ -97,13 +97,13 @@ def likely_swings(
 ) -> list[dict[str, float]]:
     """Lengths (best first) and pivots, with a damping ratio, of pendulums whose swing fits a residual (N, 6)."""
     recorded, residual = coarsely(recorded, residual, _SWING_SAMPLES)
-    wanted = residual - residual.mean(axis=0)
+    wanted = beside_errors(recorded, residual)
     weight = 1.0 / np.maximum(white_level(residual), 1e-9)
     place = payload_centre(recorded)
     found = []
     for length in lengths.tolist():
         swing = recorded.once(
-            ("swing", length, damping_ratio), partial(_centred_swing, recorded, place, length, damping_ratio)
+            ("swing", length, damping_ratio), partial(_bare_swing, recorded, place, length, damping_ratio)
         )
         along, size = (float(np.sum(swing * other * weight**2)) for other in (wanted, swing))
         mass = along / max(size, 1e-12)
@@ -113,9 +113,8 @@ def likely_swings(
     return [values for _, values in sorted(found, key=lambda item: -item[0])[:count]]
 
 
-def _centred_swing(recorded: RecordedMotion, place: Array, length: float, damping_ratio: float) -> Array:
-    swing = swinging_wrench(recorded, place, length, damping_ratio)
-    return np.asarray(swing - swing.mean(axis=0))
+def _bare_swing(recorded: RecordedMotion, place: Array, length: float, damping_ratio: float) -> Array:
+    return beside_errors(recorded, swinging_wrench(recorded, place, length, damping_ratio))
 
 
 def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[RecordedMotion, Array]:
@@ -128,6 +127,17 @@ def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[Re
     rows[length // 2 : count * length : length] = True
     thin = recorded.once(("coarse", length), lambda: recorded.select(rows))
     return thin, residual[: count * length].reshape(count, length, -1).mean(axis=1)
+
+
+def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
+    """(N, 6) wrenches without what a bias, gains and a shifted centre of mass explain of each channel."""
+
+    def made() -> Array:
+        known = np.hstack([np.ones((len(recorded), 1)), recorded.specific, recorded.nominal])
+        return np.asarray(np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-9))[0])
+
+    basis = recorded.once("errors", made)
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:

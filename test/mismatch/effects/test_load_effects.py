@@ -122,6 +122,18 @@ def test_a_constant_force_of_the_world_keeps_its_direction_and_its_point():
     np.testing.assert_allclose(found[:, 3:], np.cross(POINT, found[:, :3]), atol=1e-12)
 
 
+def test_the_search_for_a_soft_grasp_is_not_misled_by_errors_of_calibration():
+    """A bias, gains and a shifted centre of mass explain more of the wrench than the payload that turns."""
+    at = recorded(jitter=0.0)
+    turned = response("grasp_compliance", at, stiffness=90.0, damping_ratio=0.2, height=0.01)
+    errors = np.array([0.3, -0.2, 0.4, 0.02, -0.02, 0.01]) + at.nominal * [0.01, -0.01, 0.008, 0.01, -0.01, 0.01]
+    errors[:, 3:] += np.cross([0.01, -0.006, 0.008], at.specific)
+    noise = np.random.default_rng(5).normal(size=turned.shape) * np.repeat([0.1, 0.005], 3)
+    assert np.linalg.norm(errors) > np.linalg.norm(turned)
+    (start,) = effect_named("grasp_compliance").starts(at, turned + errors + noise)
+    assert 45.0 < start["stiffness"] < 180.0
+
+
 @pytest.mark.parametrize("slack", [0.2, 0.6])
 def test_the_search_for_a_cable_begins_near_its_anchor(slack):
     """Stiffness and length of a cord are ambiguous where the tool moves little: the lines of its forces hardly meet."""
