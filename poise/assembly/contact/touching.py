@@ -153,13 +153,15 @@ def _on_facet(
 ) -> list[ContactPatch]:
     """Contacts with one facet of those vertices whose heights above it are given, unless covered already."""
     patches = []
-    polygon, normal = base.polygon(facet), base.normals[facet]
-    origin, axes = base.origins[facet], base.axes[facet]
-    inside = polygon.buffer(-tolerance)
-    lying = set(covered)
+    normal, lying = base.normals[facet], set(covered)
     ends_high = np.isin(body.edges[edges], list(height)).all(axis=1)
     open_edges = edges[ends_high & ~np.isin(body.edges[edges], list(covered)).all(axis=1)]
-    for i, j in body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist():
+    pushing = body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist() if len(open_edges) else []
+    if not pushing and not any(body.vertex_pushes(vertex, -normal) for vertex in height.keys() - lying):
+        return []
+    polygon, origin, axes = base.polygon(facet), base.origins[facet], base.axes[facet]
+    inside = polygon.buffer(-tolerance)
+    for i, j in pushing:
         line = shapely.LineString((body.vertices[[i, j]] - origin) @ axes.T)
         part = shapely.intersection(line, polygon)
         # Within the facet, not along its rim: blocks that share only an edge do not press on each other.
