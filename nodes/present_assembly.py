@@ -19,7 +19,7 @@ class PresentAssembly(NamedTuple):
         key: of this assembly, for the workers; no other assembly, set or refused, has it.
         problem: what callers get instead of answers about it.
         seen: serialized, with the poses as they were seen; empty where these are certain.
-        seen_message: the same; `message` where they are certain.
+        seen_message: the same; None where they are certain.
     """
 
     version: int
@@ -51,5 +51,5 @@ class Proposal(NamedTuple):
     def as_present(self, version: int) -> PresentAssembly:
         """It, once it is set."""
         message = deserialize_message(self.serialized, AssemblyMessage)
-        seen = deserialize_message(self.seen, AssemblyMessage) if self.seen else message
+        seen = deserialize_message(self.seen, AssemblyMessage) if self.seen else None
         return PresentAssembly(version, self.frame, message, self.serialized, self.key, None, self.seen, seen)

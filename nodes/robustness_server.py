@@ -152,7 +152,7 @@ class RobustnessServer(Node):
         present = self._present
         if present.message is None or self._moving:
             return
-        poses = moved_poses(present.seen_message, self._frames, self._values["tf_tolerance"])
+        poses = moved_poses(present.seen_message or present.message, self._frames, self._values["tf_tolerance"])
         if poses:
             heavy = len(present.message.objects) > SHORT_OBJECTS
             call = Call("move", b"", present.frame, True, heavy, present.version, poses=poses)

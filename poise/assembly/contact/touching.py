@@ -10,6 +10,8 @@ from poise.types import Array, Indices
 # Facets within this angle of opposite may lie flat on each other, rad (a scan's pose is not better).
 FACE_ANGLE = np.radians(3.0)
 NO_TRIANGLES = np.zeros((0, 3, 3))
+_SAME_PLANE = 1e-6
+"""m by which edges of a face may be off its plane."""
 
 
 def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
@@ -35,6 +37,24 @@ def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> li
 def overlap(first: Array, second: Array, margin: float) -> Array:
     """(2, 3) where two bounds (2, 3) overlap, wider by the margin; low above high where they do not."""
     return np.stack([np.maximum(first[0], second[0]) - margin, np.minimum(first[1], second[1]) + margin])
+
+
+def beside_faces(on_faces: list[ContactPatch], on_rims: list[ContactPatch]) -> list[ContactPatch]:
+    """Of the contacts of a round side with edges and vertices, those that are not in the plane of a face it touches.
+
+    Where the side touches a face, edges and vertices of that face within the margin are farther off than the face is.
+    With them it would seem to rest on several points, on which it does not roll. Normals are out of the polyhedron.
+    """
+    if not on_faces:
+        return on_rims
+    normals = np.array([patch.normal for patch in on_faces])
+    heights = np.array([_foot(patch) @ patch.normal for patch in on_faces])
+    return [patch for patch in on_rims if not np.any(np.abs(normals @ _foot(patch) - heights) <= _SAME_PLANE)]
+
+
+def _foot(patch: ContactPatch) -> Array:
+    """(3,) a point on the body that the normal of a contact leaves."""
+    return np.asarray(patch.points[0] - patch.gap / 2 * patch.normal)
 
 
 def _facet_on_facet(
