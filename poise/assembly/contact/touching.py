@@ -5,11 +5,13 @@ import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody
 from poise.geometry import plane_axes, unit
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 # Facets within this angle of opposite may lie flat on each other, rad (a scan's pose is not better).
 FACE_ANGLE = np.radians(3.0)
 NO_TRIANGLES = np.zeros((0, 3, 3))
+_ACROSS = 1e-3
+"""Sine between facets that bound each other."""
 _SAME_PLANE = 1e-6
 """m by which edges of a face may be off its plane."""
 
@@ -176,9 +178,16 @@ def _on_facet(
     normal, lying = base.normals[facet], set(covered)
     ends_high = np.isin(body.edges[edges], list(height)).all(axis=1)
     open_edges = edges[ends_high & ~np.isin(body.edges[edges], list(covered)).all(axis=1)]
+    if base.polyhedron.convex:
+        high = np.array(sorted(height))
+        beside = np.zeros((len(body.vertices), len(base.normals)), dtype=bool)
+        beside[high] = _beside_facet(base, facet, body.vertices[high], tolerance)
+        if beside[high].any(axis=1).all():
+            lying |= set(height)
+        open_edges = open_edges[~np.any(beside[body.edges[open_edges]].all(axis=1), axis=1)]
+        if not len(open_edges) and not height.keys() - lying:
+            return []
     pushing = body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist() if len(open_edges) else []
-    if not pushing and not any(body.vertex_pushes(vertex, -normal) for vertex in height.keys() - lying):
-        return []
     polygon, origin, axes = base.polygon(facet), base.origins[facet], base.axes[facet]
     inside = polygon.buffer(-tolerance)
     for i, j in pushing:
@@ -197,6 +206,18 @@ def _on_facet(
             point = body.vertices[vertex] - gap / 2 * normal
             patches.append(ContactPatch(point[None], normal, gap, NO_TRIANGLES))
     return patches
+
+
+def _beside_facet(base: PlacedBody, facet: int, points: Array, tolerance: float) -> Mask:
+    """(N, F) whether points (N, 3), moved along its normal onto a facet of a convex body, are beyond others of it.
+
+    A point that is beyond one of them, and an edge both ends of which are beyond the same one, do not lie in the facet.
+    """
+    normal = base.normals[facet]
+    flat = points - np.outer((points - base.origins[facet]) @ normal, normal)
+    over = flat @ base.normals.T - np.einsum("fi,fi->f", base.normals, base.origins)
+    sine = np.sqrt(np.maximum(1 - (base.normals @ normal) ** 2, 0.0))
+    return np.asarray((over > -tolerance * sine) & (sine > _ACROSS))
 
 
 def _edge_across_edge(
