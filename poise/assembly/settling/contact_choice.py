@@ -71,20 +71,13 @@ def choose(
         before: (C,) 1 for candidates that touched (or were in line) before, -1 for those that did not, 0 where that is
             not known; None: for none.
     """
-    known = np.zeros(len(candidates.normal), dtype=np.int64) if before is None else before
-    level = np.array([0.5, _STAYS, 1 - _STAYS])[known]
-    most = _MOST * np.array([1.0, 1.0, _STAYS_OFF])[known]
+    level, most = _levels(len(candidates.normal), before)
     belief = Belief(bodies, candidates.rows)
     steepness = candidates.normal @ up
     carries = (np.abs(steepness) > _CARRIES) & ~candidates.in_line
     contacts: list[int] = []
     resting = bodies.slot < 0
-    carriers = [
-        np.flatnonzero((candidates.second == place) & carries & (steepness > 0)) for place in range(len(bodies.slot))
-    ]
-    for number in np.flatnonzero(carries & (steepness < 0)).tolist():
-        place = int(candidates.first[number])
-        carriers[place] = np.append(carriers[place], number)
+    carriers = _carriers(candidates, carries, steepness, len(bodies.slot))
     for place in np.argsort(lowest, kind="stable").tolist():
         own = carriers[place]
         for narrow in (False, True):
@@ -102,6 +95,21 @@ def choose(
     numbers = [number for number in np.flatnonzero(candidates.in_line).tolist() if candidates.pair(number) in pairs]
     chances |= _likely(belief, candidates, np.array(numbers, dtype=np.int64), level, rng)[2]
     return Choice(tuple(contacts), tuple(belief.accepted), tuple(beside), resting, chances)
+
+
+def _levels(count: int, before: Indices | None) -> tuple[Array, Array]:
+    """(C,) probabilities from which candidates touch, and (C,) squared distances up to which they carry a body."""
+    known = np.zeros(count, dtype=np.int64) if before is None else before
+    return np.array([0.5, _STAYS, 1 - _STAYS])[known], _MOST * np.array([1.0, 1.0, _STAYS_OFF])[known]
+
+
+def _carriers(candidates: Candidates, carries: Mask, steepness: Array, count: int) -> list[Indices]:
+    """For each of N bodies the numbers of the candidates that may carry it."""
+    carriers = [np.flatnonzero((candidates.second == place) & carries & (steepness > 0)) for place in range(count)]
+    for number in np.flatnonzero(carries & (steepness < 0)).tolist():
+        place = int(candidates.first[number])
+        carriers[place] = np.append(carriers[place], number)
+    return carriers
 
 
 def _resting_on(belief: Belief, numbers: Indices, most: Array) -> list[int]:
