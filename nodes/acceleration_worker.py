@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
-from poise.assembly import Analysis, acceleration_limits
+from poise.assembly import Analysis, acceleration_limits, settle
 from poise.assembly.contact import Structure
 from poise.assembly.robustness import AccelerationLimits
 from poise.errors import ErrorCode, InputError, PoiseError
@@ -62,7 +62,7 @@ class AccelerationWorker:
             raise InputError(ErrorCode.BAD_INPUT, what) from failure
         answer["frame"], answer["payload"] = message.header.frame_id, self._payload in {o.id for o in message.objects}
         check_assembly(message)
-        self._structure = Structure.of(assembly_of(message, self._folders))
+        self._structure = Structure.of(settle(assembly_of(message, self._folders)).assembly)
         answer["gravity"] = np.asarray(self._structure.assembly.gravity).tolist()
 
     def _solved(self, header: Header, messages: list[bytes]) -> Header:

@@ -21,6 +21,8 @@ def check_answer(response: Any) -> None:
     for number, result in enumerate(getattr(response, "robustness", ())):
         in_order = 0 <= result.lower <= result.robustness <= result.upper
         _require(in_order, f"robustness[{number}]", (result.lower, result.robustness, result.upper))
+        around = 0 <= result.interval_lower <= result.robustness <= result.interval_upper
+        _require(around, f"interval of robustness[{number}]", (result.interval_lower, result.interval_upper))
         _require(_are_finite(result.mechanism), f"robustness[{number}].mechanism", result.mechanism)
     for found in getattr(response, "map", ()):
         points = np.frombuffer(found.cloud.data, MAP_POINT)

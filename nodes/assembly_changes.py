@@ -6,37 +6,36 @@ from pathlib import Path
 import numpy as np
 
 from poise.assembly import Analysis, Assembly
-from poise.assembly.statics import Deadline, Stability, analysis_after
+from poise.assembly.statics import Deadline, Stability
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.nodes.assembly_message import NO_FRICTION, assembly_of, notes_of, objects_of, pairs_of
+from poise.nodes.assembly_message import NOT_GIVEN, assembly_of, notes_of, objects_of, pairs_of
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import SetAssembly
 
 
-def changed(before: Analysis | Assembly | None, request: SetAssembly.Request, folders: Sequence[Path]) -> Analysis:
-    """The assembly that a request asks for, analysed.
+def changed(before: Assembly | None, request: SetAssembly.Request, folders: Sequence[Path]) -> Assembly:
+    """The assembly that a request asks for, with poses as they were seen.
 
     Args:
-        before: the assembly that is set; not analysed where it cannot be; None: none.
+        before: the assembly that is set; None: none.
         request: checked, in the frame of the assembly.
         folders: in which meshes may lie.
 
     Raises:
-        InputError: EMPTY when there is nothing to change; as `assembly_of` and `Analysis.of`.
+        InputError: EMPTY when there is nothing to change; as `assembly_of`.
     """
     message = request.assembly
     if request.operation == SetAssembly.Request.REPLACE:
-        return analysis_after(before if isinstance(before, Analysis) else None, assembly_of(message, folders))
+        return assembly_of(message, folders)
     if before is None:
         raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
-    after: Analysis | Assembly = before
     if request.operation == SetAssembly.Request.ADD_OR_MOVE:
-        _require_setting(message, before if isinstance(before, Assembly) else before.assembly)
-        after = before.with_object(*objects_of(message, folders), pairs=pairs_of(message))
-    else:
-        for item in message.objects:
-            after = after.without(item.id)
-    return Analysis.of(after)
+        _require_setting(message, before)
+        return before.with_object(*objects_of(message, folders), pairs=pairs_of(message))
+    after = before
+    for item in message.objects:
+        after = after.without(item.id)
+    return after
 
 
 def stability_of(analysis: Analysis, response: SetAssembly.Response, deadline: Deadline) -> Stability:
@@ -71,8 +70,10 @@ def _require_setting(message: AssemblyMessage, assembly: Assembly) -> None:
     gravity = np.array([message.gravity.x, message.gravity.y, message.gravity.z])
     if gravity.any() and not np.allclose(gravity, assembly.gravity, atol=1e-6):
         what = f"gravity {gravity} for {assembly.gravity}"
-    elif message.friction not in (NO_FRICTION, assembly.friction):
+    elif message.friction not in (NOT_GIVEN, assembly.friction):
         what = f"friction {message.friction:g} for {assembly.friction}"
+    elif message.rolling not in (NOT_GIVEN, assembly.rolling):
+        what = f"rolling {message.rolling:g} for {assembly.rolling:g}"
     else:
         return
     raise InputError(ErrorCode.BAD_INPUT, f"ADD_OR_MOVE with {what}: leave it out, or use REPLACE")

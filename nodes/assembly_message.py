@@ -1,7 +1,6 @@
 """Assembly, pushes and answers of the core <-> the messages of these names."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,8 @@ from poise_msgs.msg import Robustness as RobustnessMessage
 
 _MAX_OBJECTS = 2000
 """Of an assembly in a message: finding what touches takes time with its square."""
-NO_FRICTION = -1.0
-"""The friction of an assembly message in which it is not given."""
+NOT_GIVEN = -1.0
+"""Friction and rolling resistance of messages in which they are not given."""
 _NAMED = 8
 """Objects with an assumption that are named one by one."""
 _MODES = {
@@ -61,8 +60,9 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
     return Assembly(
         objects_of(message, folders),
         np.array(gravity),
-        None if message.friction == NO_FRICTION else message.friction,
+        None if message.friction == NOT_GIVEN else message.friction,
         pairs_of(message),
+        ROLLING if message.rolling == NOT_GIVEN else message.rolling,
     )
 
 
@@ -74,7 +74,12 @@ def objects_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> tuple[
 def pairs_of(message: AssemblyMessage) -> tuple[FrictionPair, ...]:
     """The friction pairs of a message."""
     return tuple(
-        FrictionPair((pair.objects[0], pair.objects[1]), pair.coefficient, pair.coefficient_std)
+        FrictionPair(
+            (pair.objects[0], pair.objects[1]),
+            pair.coefficient,
+            pair.coefficient_std,
+            None if pair.rolling == NOT_GIVEN else pair.rolling,
+        )
         for pair in message.friction_pairs
     )
 
@@ -105,8 +110,9 @@ def object_of(message: AssemblyObject, folders: Sequence[Path] = ()) -> RigidObj
                 ErrorCode.BAD_INPUT,
                 f"object {message.id}: {name} is {values}, but {name}_given is false: set {name}_given, or leave it 0",
             )
-    if len(message.covariance):
-        content["covariance"] = list(message.covariance)
+    for name in ("covariance", "pose_covariance"):
+        if len(getattr(message, name)):
+            content[name] = list(getattr(message, name))
     item = read_object(content)
     require_body(item)
     return item
@@ -196,35 +202,29 @@ def _allowed(uri: str, folders: Sequence[Path], where: str) -> str:
     return str(path)
 
 
-def scene_of_node(scene: str, warn: Callable[[str], object]) -> Assembly:
-    """The scene file of a node's parameter, with the rolling resistance that all nodes take: messages have none.
-
-    Args:
-        scene: path or package:// URI.
-        warn: called with what of the file is not used.
+def scene_of_node(scene: str) -> Assembly:
+    """The scene file of a node's parameter: a path or package:// URI.
 
     Raises:
         InputError: as `load_scene`.
     """
-    assembly = load_scene(package_file(scene))
-    pairs = tuple(replace(pair, rolling=None) for pair in assembly.friction_pairs)
-    given = {assembly.rolling, *(pair.rolling for pair in assembly.friction_pairs if pair.rolling is not None)}
-    if unused := sorted(given - {ROLLING}):
-        values = ", ".join(f"{value:g}" for value in unused)
-        warn(f"{scene}: rolling ({values}) is not used: messages have no such number, and nodes take {ROLLING:g}")
-    return replace(assembly, rolling=ROLLING, friction_pairs=pairs)
+    return load_scene(package_file(scene))
 
 
 def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
     """Turn an assembly into a message; meshes are sent in full, or by their package:// URI."""
-    message = AssemblyMessage(friction=NO_FRICTION if assembly.friction is None else float(assembly.friction))
+    friction = NOT_GIVEN if assembly.friction is None else float(assembly.friction)
+    message = AssemblyMessage(friction=friction, rolling=float(assembly.rolling))
     message.header.frame_id = frame_id
     gravity = message.gravity
     gravity.x, gravity.y, gravity.z = np.asarray(assembly.gravity).tolist()
     message.objects = [object_message(item) for item in assembly.objects]
     message.friction_pairs = [
         FrictionPairMessage(
-            objects=list(pair.objects), coefficient=float(pair.coefficient), coefficient_std=float(pair.deviation)
+            objects=list(pair.objects),
+            coefficient=float(pair.coefficient),
+            coefficient_std=float(pair.deviation),
+            rolling=NOT_GIVEN if pair.rolling is None else float(pair.rolling),
         )
         for pair in assembly.friction_pairs
     ]
@@ -255,6 +255,8 @@ def object_message(item: RigidObject) -> AssemblyObject:
     inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = moments
     if item.covariance is not None:
         message.covariance = np.ravel(item.covariance).tolist()
+    if item.pose_covariance is not None:
+        message.pose_covariance = np.ravel(item.pose_covariance).tolist()
     return message
 
 
@@ -291,9 +293,12 @@ def pushes_of(messages: Sequence[PushMessage], groups: Sequence[int]) -> list[Pu
     return list(together.values())
 
 
-def robustness_message(result: Robustness) -> RobustnessMessage:
-    """Turn an answer into a message."""
+def robustness_message(result: Robustness, interval: tuple[float, float] | None = None) -> RobustnessMessage:
+    """Turn an answer into a message; interval: N, over what is uncertain."""
+    low, high = interval or (result.lower, result.upper)
     message = RobustnessMessage(
+        interval_lower=float(low),
+        interval_upper=float(high),
         robustness=float(result.robustness),
         lower=float(result.lower),
         upper=float(result.upper),

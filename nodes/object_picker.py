@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from geometry_msgs.msg import WrenchStamped
 
-from poise.assembly import Analysis
+from poise.assembly import Analysis, settle
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import (
@@ -277,7 +277,7 @@ class ObjectPicker(ArmNode):
     def _find(self, task: PickTask) -> None:
         request, values = task.goal.request, self._execution.values
         check_assembly(task.assembly)
-        self._known = analysis_after(self._known, assembly_of(task.assembly, self._folders))
+        self._known = analysis_after(self._known, settle(assembly_of(task.assembly, self._folders)).assembly)
         if request.object:
             check_object(request.object[0])
             item = object_of(request.object[0], self._folders)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from geometry_msgs.msg import Pose as PoseMessage
 
-from poise.assembly import Analysis
+from poise.assembly import Analysis, settle
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
@@ -92,7 +92,7 @@ class PlacementPlannerNode(ArmNode):
         self._heard: AssemblyMessage | None = None
         self._seen: set[str] = set()  # of keep_free: what has been in an assembly
         if values["scene"]:
-            assembly = scene_of_node(values["scene"], self.get_logger().warning)
+            assembly = settle(scene_of_node(values["scene"])).assembly
             self._on_assembly(assembly_message(assembly, values["frame_id"]))
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
@@ -326,7 +326,7 @@ class PlacementPlannerNode(ArmNode):
         if self._known is None or self._known[0] is not message:
             before = None if self._known is None else self._known[1]
             check_assembly(message)
-            assembly = assembly_of(message, self._folders)
+            assembly = settle(assembly_of(message, self._folders)).assembly
             for note in assembly.notes:
                 self.get_logger().warning(note)
             self._known = message, analysis_after(before, assembly)

@@ -74,6 +74,8 @@ def check_object(message: Any) -> None:
         check_range("inertia", moments, where)
     if len(message.covariance):
         check_covariance(message.covariance, where)
+    if len(message.pose_covariance):
+        check_covariance(message.pose_covariance, where, name="pose_covariance")
 
 
 def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
@@ -89,11 +91,18 @@ def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
         check_range("gravity", math.hypot(*gravity))
     if message.friction != -1.0:
         check_range("friction", message.friction)
+    _check_rolling(message.rolling)
     for pair in message.friction_pairs:
         where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}: "
         check_range("friction", [pair.coefficient, pair.coefficient_std], where)
+        _check_rolling(pair.rolling, where)
     for item in message.objects:
         check_object(item)
+
+
+def _check_rolling(value: float, where: str = "") -> None:
+    if value != -1.0:
+        check_range("rolling", value, where)
 
 
 def _check_shape(message: Any, where: str) -> None:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message, serialize_message
@@ -21,6 +21,8 @@ from poise.nodes.assembly_message import assembly_message, scene_of_node
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import declare_parameters
+from poise.nodes.perceived_scene import PoseDoubt
+from poise.nodes.present_assembly import PresentAssembly, Proposal
 from poise.nodes.request_checks import CallLimits
 from poise.nodes.robustness_calls import SHORT_OBJECTS, Call, call_of
 from poise.nodes.robustness_server_parameters import ROBUSTNESS_SERVER_PARAMETERS
@@ -44,35 +46,6 @@ _SERVICES = {
 }
 
 
-class _Present(NamedTuple):
-    """The assembly that is set, at one moment.
-
-    Args:
-        version: that callers see.
-        frame: of its poses.
-        message: None before the first and after a bad message.
-        serialized: the same.
-        key: of this assembly, for the workers; no other assembly, set or refused, has it.
-        problem: what callers get instead of answers about it.
-    """
-
-    version: int
-    frame: str
-    message: AssemblyMessage | None = None
-    serialized: bytes = b""
-    key: int = 0
-    problem: PoiseError | None = None
-
-
-class _Proposal(NamedTuple):
-    """What a worker has computed, to be the assembly instead of that of a version."""
-
-    serialized: bytes
-    frame: str
-    key: int
-    instead_of: int
-
-
 class RobustnessServer(Node):
     """Services assess_robustness, plan_disassembly, set_assembly; topics assembly, robustness_map, robustness_markers.
 
@@ -91,9 +64,9 @@ class RobustnessServer(Node):
         self._keys = itertools.count(1)
         self._moving = False
         self._newest: Call | None = None  # of the newest assembly on the topic
-        # The lock guards changes of what follows. An answer is about one `_Present`, read once.
+        # The lock guards changes of what follows. An answer is about one `PresentAssembly`, read once.
         self._lock = threading.RLock()
-        self._present = _Present(0, values["frame_id"])
+        self._present = PresentAssembly(0, values["frame_id"])
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._layers: dict[str, list[Any]] = {}
         self._drawn, self._mapped = True, 0
@@ -105,7 +78,8 @@ class RobustnessServer(Node):
             self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
         self._clouds = self.create_publisher(PointCloud2, "robustness_map", LATCHED)
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
-        settings = (values["mesh_folders"], values["marker_map_points"])
+        doubt = PoseDoubt(values["pose_std_position"], values["pose_std_rotation_deg"], values["samples"])
+        settings = (values["mesh_folders"], values["marker_map_points"], doubt)
         memory = values["worker_memory"] * 1_000_000
         self._workers = [Worker(template, settings, memory, _NICE * (n > 0)) for n in range(values["workers"])]
         if values["scene"]:
@@ -178,7 +152,7 @@ class RobustnessServer(Node):
         present = self._present
         if present.message is None or self._moving:
             return
-        poses = moved_poses(present.message, self._frames, self._values["tf_tolerance"])
+        poses = moved_poses(present.seen_message or present.message, self._frames, self._values["tf_tolerance"])
         if poses:
             heavy = len(present.message.objects) > SHORT_OBJECTS
             call = Call("move", b"", present.frame, True, heavy, present.version, poses=poses)
@@ -220,7 +194,7 @@ class RobustnessServer(Node):
     def _begin_with(self, scene: str) -> None:
         """Set the assembly of a scene file."""
         present = self._present
-        assembly = assembly_message(scene_of_node(scene, self.get_logger().warning), present.frame)
+        assembly = assembly_message(scene_of_node(scene), present.frame)
         call = Call("set", serialize_message(SetAssembly.Request(assembly=assembly)), present.frame, False)
         worker = self._workers[0]
         response, proposed = self._asked(worker, call, present, time.monotonic() + self._longest)
@@ -269,15 +243,15 @@ class RobustnessServer(Node):
                 self._moving = False
 
     def _asked(
-        self, worker: Worker, call: Call, present: _Present, due: float, deadline: float | None = None
-    ) -> tuple[Any, _Proposal | None]:
+        self, worker: Worker, call: Call, present: PresentAssembly, due: float, deadline: float | None = None
+    ) -> tuple[Any, Proposal | None]:
         """The response of a worker, and the assembly that it proposes.
 
         Raises:
             PoiseError: as `Worker.ask`.
         """
         worker.start(due)
-        if call.uses_present:
+        if call.uses_present or (present.seen and call.kind == "set"):  # the contacts of before may stay
             self._teach(worker, present)
         now = self.get_clock().now().to_msg()
         key = next(self._keys)
@@ -293,14 +267,15 @@ class RobustnessServer(Node):
         messages = self._exchanged(worker, header, [call.request], due)
         service, _ = _SERVICES.get(call.kind, _SERVICES["set"])
         response = deserialize_message(messages[0], service.Response)
-        return response, _Proposal(messages[1], call.frame, key, present.version) if len(messages) > 1 else None
+        proposed = Proposal(*messages[1:], call.frame, key, present.version) if len(messages) > 1 else None
+        return response, proposed
 
-    def _teach(self, worker: Worker, present: _Present) -> None:
+    def _teach(self, worker: Worker, present: PresentAssembly) -> None:
         """Give a worker the assembly that is set, in a time of its own: one call may be too short for that."""
         if present.message is not None and worker.state.get("key", 0) != present.key:
             until = time.monotonic() + self._longest
             header = {"do": "hold", "key": present.key, "deadline": until}
-            self._exchanged(worker, header, [present.serialized], until)
+            self._exchanged(worker, header, [present.serialized, present.seen], until)
             worker.state["key"] = present.key
 
     def _exchanged(self, worker: Worker, header: dict[str, Any], messages: list[bytes], due: float) -> list[bytes]:
@@ -312,23 +287,23 @@ class RobustnessServer(Node):
             raise PoiseError(ErrorCode(error[0]), error[1])
         return messages
 
-    def _commit(self, proposed: _Proposal, worker: Worker, publish: bool = True, version: int = 0) -> int:
+    def _commit(self, proposed: Proposal, worker: Worker, publish: bool = True, version: int = 0) -> int:
         """Make what a worker proposed the assembly that is set; its version, which may be given (0: the next one).
 
         Raises:
             InputError: BAD_INPUT when the assembly is no longer the one from which the proposal was computed.
         """
-        message = deserialize_message(proposed.serialized, AssemblyMessage)
         with self._lock:
             if self._present.version != proposed.instead_of:
                 raise changed_meanwhile(proposed.instead_of, self._present.version)
             version = version or proposed.instead_of + 1
-            self._present = _Present(version, proposed.frame, message, proposed.serialized, proposed.key)
+            self._present = proposed.as_present(version)
             self._layers.clear()
             worker.state["key"] = proposed.key
             self._drawn = False
             if publish:
-                self._own_stamps.append((message.header.stamp.sec, message.header.stamp.nanosec))
+                stamp = self._present.message.header.stamp
+                self._own_stamps.append((stamp.sec, stamp.nanosec))
                 self._assemblies.publish(proposed.serialized)
             return version
 
@@ -336,7 +311,9 @@ class RobustnessServer(Node):
         """After a bad message there is no assembly; bad poses leave the one that is set."""
         with self._lock:
             if forget:
-                self._present = _Present(version or self._present.version + 1, self._present.frame, problem=error)
+                self._present = PresentAssembly(
+                    version or self._present.version + 1, self._present.frame, problem=error
+                )
                 self._layers.clear()
                 self._drawn = False
             else:
@@ -368,7 +345,7 @@ class RobustnessServer(Node):
         self._marker_arrays.publish(MarkerArray(markers=[cleared(present.frame), *layers]))
 
 
-def _require(call: Call, present: _Present) -> None:
+def _require(call: Call, present: PresentAssembly) -> None:
     """What a call presupposes about the assembly holds for this one."""
     if call.expected not in (0, present.version):
         raise changed_meanwhile(call.expected, present.version)

@@ -16,6 +16,9 @@ ROBUSTNESS_SERVER_PARAMETERS = (
     Parameter("poses_from_tf", False, "poses of movable objects are those of the tf frames named by their ids"),
     Parameter("tf_rate", 5.0, "Hz at which tf is read", (0.1, 50.0)),
     Parameter("tf_tolerance", 0.0005, "m and rad; smaller motions in tf are ignored", (0.0, 1.0), dynamic=True),
+    Parameter("pose_std_position", 0.0, "m, one sigma of each coordinate of poses that state none", (0.0, 1.0)),
+    Parameter("pose_std_rotation_deg", 0.0, "degrees, one sigma of their angles about each axis", (0.0, 45.0)),
+    Parameter("samples", 59, "draws of uncertain poses for the intervals of a call; 0: no intervals", (0, 10_000)),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),

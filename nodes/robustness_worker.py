@@ -17,9 +17,9 @@ from geometry_msgs.msg import Vector3
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import MarkerArray
 
-from poise.assembly import Analysis, assess, plan_disassembly, robustness_map
+from poise.assembly import plan_disassembly, robustness_map
 from poise.assembly.robustness import Robustness, RobustnessMap
-from poise.assembly.statics import Deadline, analysis_after, unstable
+from poise.assembly.statics import Deadline, unstable
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.answer_checks import check_answer
@@ -28,11 +28,11 @@ from poise.nodes.assembly_markers import map_markers, mechanism_markers, scene_m
 from poise.nodes.assembly_message import (
     assembly_message,
     assembly_of,
-    notes_of,
     pushes_of,
     robustness_message,
 )
 from poise.nodes.map_message import map_message
+from poise.nodes.perceived_scene import PerceivedScene, PoseDoubt
 from poise.nodes.runtime import coded
 from poise.nodes.workers import Exchange, Header
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -51,15 +51,17 @@ class RobustnessWorker:
     Args:
         folders: in which meshes may lie.
         marker_map_points: of the map in the markers.
+        doubt: what is assumed about poses: the arguments of `PoseDoubt`.
     """
 
-    def __init__(self, folders: Sequence[str], marker_map_points: int) -> None:
+    def __init__(self, folders: Sequence[str], marker_map_points: int, doubt: Sequence[Any] = ()) -> None:
+        self._doubt = PoseDoubt(*doubt)
         self._folders = tuple(Path(folder) for folder in folders)
         self._marker_map_points = marker_map_points
         self._key = 0
-        self._analysis: Analysis | None = None
-        self._next: tuple[int, Analysis] | None = None
-        self._recent: Analysis | None = None
+        self._scene: PerceivedScene | None = None
+        self._next: tuple[int, PerceivedScene] | None = None
+        self._recent: PerceivedScene | None = None
         self._results: Sequence[Robustness] = ()
         self._map: RobustnessMap | None = None
         self._work: dict[str, Callable[..., None]] = {"assess": self._assess, "plan": self._plan, "set": self._set}
@@ -122,14 +124,20 @@ class RobustnessWorker:
             raise PoiseError(ErrorCode.INTERNAL, f"asked about assembly {key}, but this worker has {self._key}")
 
     def _hold(self, header: Header, messages: list[bytes]) -> None:
-        """Have the assembly that a message brings, and know whether it stands."""
-        message = deserialize_message(messages[0], AssemblyMessage)
-        analysis = analysis_after(self._analysis, assembly_of(message, self._folders))
-        analysis.stability(Deadline(header["deadline"]))
-        self._keep(header["key"], analysis)
+        """Have the assembly that messages bring, settled and as it was seen, and know whether it stands."""
+        assembly, *seen = [
+            assembly_of(deserialize_message(message, AssemblyMessage), self._folders) for message in messages if message
+        ]
+        scene = (
+            PerceivedScene.restored(self._scene, seen[0], assembly)
+            if seen
+            else PerceivedScene.after(self._scene, assembly)
+        )
+        scene.analysis.stability(Deadline(header["deadline"]))
+        self._keep(header["key"], scene)
 
-    def _keep(self, key: int, analysis: Analysis) -> None:
-        self._key, self._analysis, self._next = key, analysis, None
+    def _keep(self, key: int, scene: PerceivedScene) -> None:
+        self._key, self._scene, self._next = key, scene, None
         self._results, self._map = (), None
 
     def _assess(
@@ -137,9 +145,10 @@ class RobustnessWorker:
     ) -> None:
         pushes = pushes_of(request.pushes, request.groups)
         start, deadline = time.perf_counter(), header["deadline"]
-        analysis = self._analysis_for(request)
-        found = assess(analysis, pushes, request.model, max(deadline - time.monotonic(), 0.0))
-        response.assumptions = notes_of(analysis, Deadline(deadline))
+        scene = self._scene_for(request)
+        analysis, left = scene.analysis, max(deadline - time.monotonic(), 0.0)
+        found, intervals, notes = scene.answered(pushes, request.model, left, self._doubt.samples)
+        response.assumptions = [*scene.notes(Deadline(deadline)), *notes]
         complete, mapped = found.complete, None
         if request.map_points and found.stable:
             tolerance = request.map_tolerance or MAP_TOLERANCE
@@ -150,7 +159,7 @@ class RobustnessWorker:
             _ = result.mode, result.mechanism  # computed when first used: part of the computation, too
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
-        response.robustness = [robustness_message(result) for result in found.results]
+        response.robustness = [robustness_message(*each) for each in zip(found.results, intervals, strict=True)]
         if mapped is not None:
             response.map = [map_message(mapped, _stamped(AssemblyMessage(), header).header)]
         if not request.assembly and found.stable:
@@ -164,11 +173,11 @@ class RobustnessWorker:
         self, request: PlanDisassembly.Request, response: PlanDisassembly.Response, header: Header, _: list[bytes]
     ) -> None:
         start = time.perf_counter()
-        analysis = self._analysis_for(request)
+        scene = self._scene_for(request)
         left = max(header["deadline"] - time.monotonic(), 0.0)
-        found = plan_disassembly(analysis, request.target or None, left)
+        found = plan_disassembly(scene.analysis, request.target or None, left)
         response.seconds = time.perf_counter() - start
-        response.assumptions = notes_of(analysis, Deadline(header["deadline"]))
+        response.assumptions = scene.notes(Deadline(header["deadline"]))
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
         ways = [np.zeros(3) if way is None else way for way in found.ways]
         response.ways = [Vector3(x=x, y=y, z=z) for x, y, z in np.reshape(ways, (-1, 3)).tolist()]
@@ -178,40 +187,48 @@ class RobustnessWorker:
     def _set(
         self, request: SetAssembly.Request, response: SetAssembly.Response, header: Header, extra: list[bytes]
     ) -> None:
-        self._propose(changed(self._analysis, request, self._folders), response, header, extra)
+        before = None if self._scene is None else self._scene.seen
+        seen = self._doubt.applied(changed(before, request, self._folders))
+        self._propose(PerceivedScene.after(self._scene, seen), response, header, extra)
 
     def _move(self, header: Header, response: SetAssembly.Response, extra: list[bytes]) -> None:
         """Move objects to poses, all at once."""
-        analysis = self._present()
+        seen = self._present().seen
         poses = {name: Pose.from_vector(values) for name, values in header["poses"].items()}
-        moved = [replace(item, pose=poses[item.id]) for item in analysis.assembly.objects if item.id in poses]
-        self._propose(analysis.with_object(*moved), response, header, extra)
+        moved = [replace(item, pose=poses[item.id]) for item in seen.objects if item.id in poses]
+        self._propose(PerceivedScene.after(self._scene, seen.with_object(*moved)), response, header, extra)
 
-    def _propose(self, analysis: Analysis, response: SetAssembly.Response, header: Header, extra: list[bytes]) -> None:
+    def _propose(
+        self, scene: PerceivedScene, response: SetAssembly.Response, header: Header, extra: list[bytes]
+    ) -> None:
         """The server decides whether this becomes the assembly that is set."""
-        found = stability_of(analysis, response, Deadline(header["deadline"]))
+        found = stability_of(scene.analysis, response, Deadline(header["deadline"]))
+        response.assumptions = [*response.assumptions, *scene.settled.sentences]
         if found.doubtful and header["do"] == "set":
             raise not_checked()
-        self._next = header["next"], analysis
-        extra.append(serialize_message(_stamped(assembly_message(analysis.assembly, header["frame"]), header)))
+        self._next = header["next"], scene
+        for assembly in (scene.settled.assembly, scene.seen if scene.uncertain else None):
+            message = None if assembly is None else _stamped(assembly_message(assembly, header["frame"]), header)
+            extra.append(b"" if message is None else serialize_message(message))
         if not found.stable:
             raise unstable(found.falling, found.margin)
 
-    def _present(self) -> Analysis:
-        if self._analysis is None:
+    def _present(self) -> PerceivedScene:
+        if self._scene is None:
             raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
-        return self._analysis
+        return self._scene
 
-    def _analysis_for(self, request: Any) -> Analysis:
+    def _scene_for(self, request: Any) -> PerceivedScene:
         """Of the assembly that a call brings, else of the one that was set."""
         if not request.assembly:
             return self._present()
-        self._recent = analysis_after(self._recent, assembly_of(request.assembly[0], self._folders))
+        seen = self._doubt.applied(assembly_of(request.assembly[0], self._folders))
+        self._recent = PerceivedScene.after(self._recent, seen, related=False)
         return self._recent
 
     def _markers(self, header: Header) -> list[Any]:
         """Of the assembly that is set, and of what was answered about it here."""
-        analysis, frame = self._present(), header["frame"]
+        analysis, frame = self._present().analysis, header["frame"]
         if self._map is None and self._marker_map_points and header["map"]:
             with contextlib.suppress(PoiseError):  # an assembly that does not stand has no map
                 self._map = robustness_map(analysis, self._marker_map_points, deadline=_MARKER_SECONDS)

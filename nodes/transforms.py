@@ -74,7 +74,10 @@ def pose_between(frames: FrameTree, frame: str, reference: str) -> Pose:
 
 def transform_objects(items: Iterable[Any], pose_reference_frame: Pose) -> None:
     """Change the poses of objects (poise_msgs/AssemblyObject) in place: from a frame into the reference."""
+    turn = np.kron(np.eye(2), pose_reference_frame.rotation)
     for item in items:
+        if len(item.pose_covariance):  # both blocks are in the axes of the frame
+            item.pose_covariance = (turn @ np.reshape(item.pose_covariance, (6, 6)) @ turn.T).ravel().tolist()
         set_pose(item.pose, pose_reference_frame @ pose_of(item.pose, f"object {item.id}: "))
 
 

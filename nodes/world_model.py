@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Analysis, Assembly
+from poise.assembly import Analysis, settle
 from poise.assembly.statics import Deadline, analysis_after, unstable
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import Pose
@@ -120,7 +120,7 @@ class WorldModel(Node):
             return load_world(self._file)
         if not values["scene"]:
             return self._world
-        assembly = scene_of_node(values["scene"], self.get_logger().warning)
+        assembly = settle(scene_of_node(values["scene"])).assembly
         return self._world.with_assembly(assembly, values["frame_id"], self._now())
 
     def _change(self, transition: Callable[[World], World], expected: int = 0) -> World:
@@ -311,7 +311,7 @@ class WorldModel(Node):
         if call.uses_present and call.frame != world.frame:
             raise InputError(ErrorCode.BAD_INPUT, f"the frame of the assembly became {world.frame}; call again")
         request = deserialize_message(call.request, SetAssembly.Request)
-        after = changed(self._present(world), request, self._folders)
+        after = analysis_after(self._known, settle(changed(world.assembly, request, self._folders)).assembly)
         found = stability_of(after, response, Deadline(job.deadline))
         if found.doubtful:
             raise not_checked()
@@ -329,16 +329,6 @@ class WorldModel(Node):
             error = unstable(found.falling, found.margin)
             response.error.code, response.error.message = int(error.code), error.message
         return response
-
-    def _present(self, world: World) -> Analysis | Assembly | None:
-        """The assembly that is set, analysed where that is possible."""
-        if world.assembly is None:
-            return None
-        try:
-            self._known = analysis_after(self._known, world.assembly)
-        except InputError:  # it cannot be analysed as it is, but be changed
-            return world.assembly
-        return self._known
 
 
 def main(args: list[str] | None = None) -> None:

@@ -11,7 +11,6 @@ from rich.table import Table
 from poise.assembly import Settled
 from poise.assembly.robustness import UncertainAssessment
 from poise.assembly.scene import pose_covariance_of
-from poise.assembly.settling import Move
 from poise.commands.output import console, finding_json, number_for_json, warn
 from poise.errors import ErrorCode, InputError
 from poise.ranges import check_range
@@ -55,34 +54,14 @@ def read_pose_std(text: str) -> Array:
 
 def warn_of_moves(settled: Settled) -> None:
     """One line on stderr about what was moved, and one about neighbours that may touch or not."""
-    if (worst := settled.worst) is None:
-        return
-    length = max(float(np.linalg.norm(move.translation)) for move in settled.moves)
-    angle = max(float(np.linalg.norm(move.rotation)) for move in settled.moves)
-    warn(
-        f"{len(settled.moves)} poses settled: moved by up to {length * 1e3:.2f} mm and {np.degrees(angle):.2f} degrees "
-        f"({worst.sigmas:.1f} sigma, {worst.id})"
-    )
-    if settled.strain > 1:
-        warn(_strained(worst, settled.accepted))
-    if settled.doubtful_pairs:
-        pairs = [f"{a} and {b} ({chance:.0%})" for (a, b), chance in list(settled.doubtful_pairs.items())[:3]]
-        more = f" and {len(settled.doubtful_pairs) - 3} more" if len(settled.doubtful_pairs) > 3 else ""
-        warn(f"neighbours that may touch or not: {', '.join(pairs)}{more}")
-
-
-def _strained(worst: Move, accepted: float) -> str:
-    return (
-        f"{worst.id} was moved by {worst.sigmas:.1f} sigma, and up to {accepted:.1f} are likely here: the stated "
-        "uncertainty is too small, or a pose or a size is wrong; intervals are as much wider"
-    )
+    for sentence in settled.sentences:
+        warn(sentence)
 
 
 def settled_json(settled: Settled, found: UncertainAssessment) -> dict[str, Any]:
     """What was moved, and which neighbours may touch or not."""
-    if (worst := settled.worst) is None:
+    if settled.worst is None:
         return {}
-    sentence = _strained(worst, settled.accepted)
     return {
         "settled": {
             "moves": [
@@ -103,7 +82,7 @@ def settled_json(settled: Settled, found: UncertainAssessment) -> dict[str, Any]
             "refused": found.refused,
             "coverage": found.coverage,
         },
-        "findings": [finding_json(ErrorCode.POOR_FIT, sentence, {"strain": settled.strain})]
+        "findings": [finding_json(ErrorCode.POOR_FIT, settled.strained, {"strain": settled.strain})]
         if settled.strain > 1
         else [],
     }

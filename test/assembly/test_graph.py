@@ -1,11 +1,13 @@
 """The contact interface graph and its blocks; adding and removing one object at a time."""
 
+from dataclasses import replace
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
 from assembly_scenes import box, fixed_box
 
-from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly import Analysis, Assembly, FrictionPair, Push, assess
 from poise.assembly.contact.graph import FIXED_NODE, Structure
 from poise.assembly.statics.changes import analysis_after
 from poise.errors import ErrorCode, InputError
@@ -141,3 +143,16 @@ def test_blocks_that_stay_share_their_solvers_and_keep_their_own_places():
             places = [place for members in block.block.members for place in members]
             assert list(block.body_of) == places
             assert all({interface.first, interface.second} & set(places) for interface in block.interfaces)
+
+
+def test_the_analysis_follows_changed_pairs_and_rolling():
+    before = Analysis.of(scenes.stack(2))
+    objects = before.assembly.objects
+    rough = replace(before.assembly, friction_pairs=(FrictionPair((objects[0].id, objects[1].id), 0.9),))
+    assert [each.friction for each in analysis_after(before, rough).structure.interfaces] == [
+        each.friction for each in Analysis.of(rough).structure.interfaces
+    ]
+    again = analysis_after(analysis_after(before, rough), before.assembly)  # the pair is left out
+    assert {each.friction for each in again.structure.interfaces} == {before.assembly.friction}
+    rolling = replace(before.assembly, rolling=0.1)
+    assert analysis_after(before, rolling).assembly.rolling == 0.1

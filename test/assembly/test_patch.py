@@ -160,3 +160,13 @@ def test_the_normal_force_for_one_load_is_that_for_many():
     loads[:4] = [[1, 0, 0], [-1, 0, -1], [0, -1, 0], [0, 0, -1]]
     many = surface.normal_force_needed(loads[:, :2], loads[:, 2])
     assert [surface.normal_force_needed_for(*load) for load in loads.tolist()] == pytest.approx(many, rel=1e-12)
+
+
+def test_a_few_questions_about_friction_are_answered_as_many_are():
+    """The table of a patch is filled only where few loads ask, and says the same there."""
+    rng = np.random.default_rng(4)
+    points, weights = rng.normal(size=(50, 2)), np.full(50, 1 / 50)
+    loads = rng.normal(size=(200, 3))
+    few, many = FrictionSurface(points, weights), FrictionSurface(points, weights)
+    one_by_one = [few.normal_force_needed(load[None, :2], load[2:])[0] for load in loads]
+    assert one_by_one == pytest.approx(many.normal_force_needed(loads[:, :2], loads[:, 2]), rel=1e-12)

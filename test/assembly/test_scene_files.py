@@ -6,6 +6,7 @@ import trimesh
 import yaml
 
 from poise.assembly import Analysis, Assembly, Box, Cylinder, Mesh, RigidObject, load_scene, write_scene
+from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, quaternion_of_rotation, rotation_of_quaternion
 
@@ -297,3 +298,20 @@ def test_an_inertia_of_no_body_is_refused_at_every_scale(inertia, scale):
 
 
 UPRIGHT = Pose.from_vector([0, 0, 0, 0, 0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [("-.05", -0.05), ("+.5", 0.5), (".5", 0.5), ("1e-2", 0.01), ("-.5e-1", -0.05), ("1.e-2", 0.01), ("+.5e+0", 0.5)],
+)
+def test_numbers_that_yaml_takes_for_text_are_read(written, value):
+    pose = yaml.safe_load(f"[{written}, 0, 0, 0, 0, 0, 1]")
+    item = read_object({"id": "a", "box": [1, 1, 1], "mass": 1, "pose": pose})
+    assert item.pose.translation[0] == value
+
+
+@pytest.mark.parametrize("written", ["'5'", "'.'", "-.", "1.2.3", "0x", "-.5.", "yes", "1:30h"])
+def test_other_text_is_no_number(written):
+    pose = yaml.safe_load(f"[{written}, 0, 0, 0, 0, 0, 1]")
+    with pytest.raises(InputError, match="expected a number"):
+        read_object({"id": "a", "box": [1, 1, 1], "mass": 1, "pose": pose})

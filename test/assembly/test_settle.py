@@ -259,3 +259,34 @@ def test_errors_of_contacts_that_follow_from_others_do_not_move_bodies_far():
         found = settle(seen(wide, np.random.default_rng(seed)))
         assert all(move.sigmas < 3.5 for move in found.moves)
         assert len(Structure.of(found.assembly).interfaces) >= 6
+
+
+def _side_by_side(gap):
+    """Two boxes on a floor, with a gap between them."""
+    boxes = [scenes.box(name, (0.2, 0.2, 0.2), (x, 0, 0.1)) for name, x in (("l", -0.1), ("r", 0.1 + gap))]
+    return scenes.on_floor(*boxes)
+
+
+def _touch(assembly):
+    return any((i.first, i.second) == (1, 2) for i in Structure.of(assembly).interfaces)
+
+
+def test_contacts_of_before_stay_while_they_explain_what_is_seen():
+    """Four millimetres are 1.4 sigma of the distance of two boxes: with contacts known, no frame decides otherwise."""
+    apart = [_touch(settle(uncertain(_side_by_side(gap))).assembly) for gap in (0.0, 0.012)]
+    assert apart == [True, False]
+    for start in (0.0, 0.012):
+        known = settle(uncertain(_side_by_side(start))).assembly
+        for gap in (0.004, 0.006, 0.001, 0.004):
+            known = settle(uncertain(_side_by_side(gap)), known).assembly
+            assert _touch(known) == (start == 0.0)
+
+
+def test_contacts_of_before_are_given_up_when_they_no_longer_explain_it():
+    touching = settle(uncertain(_side_by_side(0.0))).assembly
+    assert not _touch(settle(uncertain(_side_by_side(0.015)), touching).assembly)  # 5 sigma
+    far = settle(uncertain(_side_by_side(0.3)), touching).assembly
+    assert not _touch(far)
+    assert _touch(settle(uncertain(_side_by_side(0.001)), far).assembly)  # it came back: nothing of before counts
+    added = replace(touching, objects=(*touching.objects, scenes.box("new", (0.1, 0.1, 0.1), (1, 1, 0.051))))
+    assert len(settle(uncertain(added), touching).assembly.objects) == 4

@@ -10,8 +10,7 @@ from assembly_calls import CUBE, FLOOR, FRAME, LID, message
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Quaternion, Vector3
 
-from poise.assembly import Analysis, Assembly, Box, FrictionPair, Push, RigidObject, Sphere, assess, write_scene
-from poise.assembly.scene import ROLLING
+from poise.assembly import Analysis, Assembly, Box, FrictionPair, Push, RigidObject, Sphere, assess
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import (
@@ -21,7 +20,6 @@ from poise.nodes.assembly_message import (
     notes_of,
     require_body,
     robustness_message,
-    scene_of_node,
 )
 from poise.nodes.transforms import pose_of
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -138,21 +136,6 @@ def test_every_default_is_stated_and_many_are_counted():
 def test_friction_that_is_not_given_survives_the_message():
     there = Assembly((FLOOR, CUBE), friction=None, friction_pairs=(FrictionPair(("floor", "cube"), 0.3),))
     assert assembly_of(assembly_message(there, FRAME)).friction is None
-
-
-def test_rolling_of_a_scene_file_that_no_message_has_is_a_warning(tmp_path):
-    pairs = (FrictionPair(("floor", "cube"), 0.3, rolling=0.05),)
-    said = []
-    write_scene(Assembly((FLOOR, CUBE), friction_pairs=pairs, rolling=0.01), tmp_path / "scene.yaml")
-    found = scene_of_node(str(tmp_path / "scene.yaml"), said.append)
-    assert (found.rolling, found.friction_between("cube", "floor")) == (ROLLING, 0.3)
-    assert found.rolling_between("cube", "floor") == ROLLING
-    (note,) = said
-    assert note.startswith(f"{tmp_path / 'scene.yaml'}: rolling (0.01, 0.05) is not used")
-    assert note.endswith("nodes take 0.002")
-    write_scene(Assembly((FLOOR, CUBE)), tmp_path / "plain.yaml")
-    scene_of_node(str(tmp_path / "plain.yaml"), said.append)
-    assert len(said) == 1
 
 
 def test_a_ball_survives_the_message_rolls_and_is_named():

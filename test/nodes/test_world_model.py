@@ -213,20 +213,23 @@ def test_a_state_file_that_cannot_be_written_ends_nothing(start_node, graph, fri
 def test_an_assembly_that_is_set_while_the_held_object_is_weighed_takes_nothing_away():
     can, cup = box("can", (0.1, 0.1, 0.1), (0, 0, 0.05), 0.3), box("cup", (0.1, 0.1, 0.1), (0.3, 0, 0.05), 0.3)
     begun = World(FRAME).with_assembly(Assembly((FLOOR, can)), FRAME, 1).grasped("can", IN_HAND, HAND, 2)
-    node = SimpleNamespace(_world=begun, _lock=threading.Lock(), _folders=(), _now=lambda: 4)
+    node = SimpleNamespace(_world=begun, _lock=threading.Lock(), _folders=(), _now=lambda: 4, _known=None)
 
-    def weigh(world):
-        node._world = world.weighed(replace(can, mass=0.31), 3)
-        return world.assembly
+    class Waiting(Job):
+        """A call while which the held object is weighed."""
+
+        def claim(self):
+            node._world = node._world.weighed(replace(can, mass=0.31), 3)
+            return super().claim()
 
     def make(transition):
         node._world = transition(node._world)
         return node._world
 
-    node._present, node._change = weigh, make
+    node._change = make
     request = change(SetAssembly.Request.ADD_OR_MOVE, assembly_message(Assembly((FLOOR, cup)), FRAME))
     call = Call("set", serialize_message(request), FRAME, True)
-    response = WorldModel._set(node, call, Job(SetAssembly, time.monotonic() + 10.0))
+    response = WorldModel._set(node, call, Waiting(SetAssembly, time.monotonic() + 10.0))
     assert response.version == begun.version + 1
     assert node._world.held.item.mass == 0.31
     assert "cup" in node._world.objects

@@ -1,7 +1,7 @@
 """Contact interfaces of an assembly: which objects touch, where, and with what friction."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -59,12 +59,19 @@ class Interface:
         """m2; 0 for lines and points."""
         return self.once("area", lambda: float(triangle_areas(self.triangles).sum()))
 
-    def with_friction(self, friction: float, rolling: float) -> "Interface":
-        """The interface with other coefficients."""
-        if self.touch is None or rolling == self.rolling:
-            return replace(self, friction=friction)
+    def with_friction(
+        self, friction: float, rolling: float, first: int | None = None, second: int | None = None
+    ) -> "Interface":
+        """The interface with other coefficients, and of bodies at other places (None: the same ones)."""
+        places = self.first if first is None else first, self.second if second is None else second
+        same = self.touch is None or rolling == self.rolling
+        if same and (friction, *places) == (self.friction, self.first, self.second):
+            return self
+        if self.touch is None or same:
+            own = self.normal, self.points, self.triangles, self.gap, friction, self.touch, self.rolling, self.kept
+            return Interface(*places, *own)
         points = widened(self.touch, self.normal, rolling)
-        return replace(self, friction=friction, points=points, rolling=rolling, kept={})
+        return Interface(*places, self.normal, points, self.triangles, self.gap, friction, self.touch, rolling, kept={})
 
     def once(self, name: str, compute: Callable[[], _Kept]) -> _Kept:
         """What has been computed about the region under a name; computed now if it has not."""

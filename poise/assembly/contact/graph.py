@@ -1,7 +1,7 @@
 """The contact interface graph: which bodies hold which, cut into blocks that can be solved one by one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
@@ -88,7 +88,7 @@ class Structure:
             if not names & {first, second}:
                 places = assembly.index[first], assembly.index[second]
                 friction, rolling = assembly.friction_between(first, second), assembly.rolling_between(first, second)
-                kept.append(replace(old.with_friction(friction, rolling), first=places[0], second=places[1]))
+                kept.append(old.with_friction(friction, rolling, *places))
         return kept
 
     @cached_property

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import ConvexHull, QhullError
 
 from poise.assembly.scene import Cylinder, Polyhedron, RigidObject, Sphere
-from poise.geometry import plane_axes
+from poise.geometry import cross, plane_axes
 from poise.types import Array, Indices, Mask
 
 
@@ -208,7 +208,7 @@ def meeting(bounds: Array, others: Array) -> Mask:
 
 def triangle_areas(triangles: Array) -> Array:
     """(T,) areas of triangles (T, 3, 3)."""
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.asarray(np.linalg.norm(normals, axis=1) / 2)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch
-from poise.assembly.contact.touching import NO_TRIANGLES, overlap, touching_patches
+from poise.assembly.contact.touching import NO_TRIANGLES, beside_faces, overlap, touching_patches
 from poise.assembly.scene import Cylinder
 from poise.geometry import unit
 from poise.types import Array
@@ -21,11 +21,12 @@ def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[
     if flat and second.polyhedron.convex:
         return flat
     # The normals found below leave the other body towards this cylinder.
-    found = [patch.turned() for patch in _on_facets(first, second, margin)]
+    lying = _on_facets(first, second, margin)
+    found = [patch.turned() for patch in lying]
     if second.cylinder is not None:
         found += _on_facets(second, first, margin) + _side_on_side(first, second, margin)
     else:
-        found += [patch.turned() for patch in _side_on_edges(first, second, margin)]
+        found += [patch.turned() for patch in beside_faces(lying, _side_on_edges(first, second, margin))]
     return flat + found
 
 

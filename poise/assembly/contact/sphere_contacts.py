@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch
-from poise.assembly.contact.touching import NO_TRIANGLES, overlap
+from poise.assembly.contact.touching import NO_TRIANGLES, beside_faces, overlap
 from poise.assembly.scene import Cylinder, Sphere
 from poise.types import Array
 
@@ -25,7 +25,8 @@ def _on_ball(base: PlacedBody, ball: PlacedBody, radius: float, margin: float) -
     elif isinstance(shape, Cylinder):
         found += _on_cylinder(base, shape, centre, radius, margin)
     else:
-        found += _on_edges(base, centre, radius, margin, overlap(base.bounds, ball.bounds, margin))
+        rims = _on_edges(base, centre, radius, margin, overlap(base.bounds, ball.bounds, margin))
+        found += beside_faces(found, rims)
     return found
 
 

@@ -5,11 +5,15 @@ import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody
 from poise.geometry import plane_axes, unit
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 # Facets within this angle of opposite may lie flat on each other, rad (a scan's pose is not better).
 FACE_ANGLE = np.radians(3.0)
 NO_TRIANGLES = np.zeros((0, 3, 3))
+_ACROSS = 1e-3
+"""Sine between facets that bound each other."""
+_SAME_PLANE = 1e-6
+"""m by which edges of a face may be off its plane."""
 
 
 def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
@@ -35,6 +39,24 @@ def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> li
 def overlap(first: Array, second: Array, margin: float) -> Array:
     """(2, 3) where two bounds (2, 3) overlap, wider by the margin; low above high where they do not."""
     return np.stack([np.maximum(first[0], second[0]) - margin, np.minimum(first[1], second[1]) + margin])
+
+
+def beside_faces(on_faces: list[ContactPatch], on_rims: list[ContactPatch]) -> list[ContactPatch]:
+    """Of the contacts of a round side with edges and vertices, those that are not in the plane of a face it touches.
+
+    Where the side touches a face, edges and vertices of that face within the margin are farther off than the face is.
+    With them it would seem to rest on several points, on which it does not roll. Normals are out of the polyhedron.
+    """
+    if not on_faces:
+        return on_rims
+    normals = np.array([patch.normal for patch in on_faces])
+    heights = np.array([_foot(patch) @ patch.normal for patch in on_faces])
+    return [patch for patch in on_rims if not np.any(np.abs(normals @ _foot(patch) - heights) <= _SAME_PLANE)]
+
+
+def _foot(patch: ContactPatch) -> Array:
+    """(3,) a point on the body that the normal of a contact leaves."""
+    return np.asarray(patch.points[0] - patch.gap / 2 * patch.normal)
 
 
 def _facet_on_facet(
@@ -153,13 +175,22 @@ def _on_facet(
 ) -> list[ContactPatch]:
     """Contacts with one facet of those vertices whose heights above it are given, unless covered already."""
     patches = []
-    polygon, normal = base.polygon(facet), base.normals[facet]
-    origin, axes = base.origins[facet], base.axes[facet]
-    inside = polygon.buffer(-tolerance)
-    lying = set(covered)
+    normal, lying = base.normals[facet], set(covered)
     ends_high = np.isin(body.edges[edges], list(height)).all(axis=1)
     open_edges = edges[ends_high & ~np.isin(body.edges[edges], list(covered)).all(axis=1)]
-    for i, j in body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist():
+    if base.polyhedron.convex:
+        high = np.array(sorted(height))
+        beside = np.zeros((len(body.vertices), len(base.normals)), dtype=bool)
+        beside[high] = _beside_facet(base, facet, body.vertices[high], tolerance)
+        if beside[high].any(axis=1).all():
+            lying |= set(height)
+        open_edges = open_edges[~np.any(beside[body.edges[open_edges]].all(axis=1), axis=1)]
+        if not len(open_edges) and not height.keys() - lying:
+            return []
+    pushing = body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist() if len(open_edges) else []
+    polygon, origin, axes = base.polygon(facet), base.origins[facet], base.axes[facet]
+    inside = polygon.buffer(-tolerance)
+    for i, j in pushing:
         line = shapely.LineString((body.vertices[[i, j]] - origin) @ axes.T)
         part = shapely.intersection(line, polygon)
         # Within the facet, not along its rim: blocks that share only an edge do not press on each other.
@@ -175,6 +206,18 @@ def _on_facet(
             point = body.vertices[vertex] - gap / 2 * normal
             patches.append(ContactPatch(point[None], normal, gap, NO_TRIANGLES))
     return patches
+
+
+def _beside_facet(base: PlacedBody, facet: int, points: Array, tolerance: float) -> Mask:
+    """(N, F) whether points (N, 3), moved along its normal onto a facet of a convex body, are beyond others of it.
+
+    A point that is beyond one of them, and an edge both ends of which are beyond the same one, do not lie in the facet.
+    """
+    normal = base.normals[facet]
+    flat = points - np.outer((points - base.origins[facet]) @ normal, normal)
+    over = flat @ base.normals.T - np.einsum("fi,fi->f", base.normals, base.origins)
+    sine = np.sqrt(np.maximum(1 - (base.normals @ normal) ** 2, 0.0))
+    return np.asarray((over > -tolerance * sine) & (sine > _ACROSS))
 
 
 def _edge_across_edge(

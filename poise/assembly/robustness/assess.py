@@ -136,6 +136,7 @@ def assess(
     pushes: Sequence[Push | Sequence[Push]],
     model: str | None = None,
     deadline: float | None = None,
+    tolerance: float | None = None,
 ) -> Assessment:
     """How hard each push may be before something moves.
 
@@ -144,6 +145,7 @@ def assess(
         pushes: single ones, or sequences of pushes that grow together.
         model: a name in `ROBUSTNESS_MODELS`; None: default.
         deadline: s; what is certified by then is returned, with `complete` False.
+        tolerance: m by which points may be off the surface; None: the margin of contacts.
 
     Raises:
         InputError: a bad push or model name; UNSUPPORTED for a model that is not installed; INTERPENETRATION, FLOATING.
@@ -152,7 +154,7 @@ def assess(
     clock = Deadline.after(deadline)
     solve = ROBUSTNESS_MODELS.find(model or DEFAULT_MODEL).solve
     analysis = Analysis.of(assembly, deadline=clock)
-    loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
+    loads = loads_of(analysis.assembly, pushes, analysis.structure.margin if tolerance is None else tolerance)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
     limit_loads = LimitLoads.start(loads.count)
     if not any(block.solvers.balance.margin <= 0 for block in analysis.blocks if not clock.passed):

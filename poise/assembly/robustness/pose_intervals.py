@@ -64,7 +64,7 @@ def assess_settled(
 
     Args:
         scene: as `settle` returns it.
-        pushes: with points on the objects as they were seen.
+        pushes: with points on the objects as they were seen, give or take three sigma of these.
         model: a name in `ROBUSTNESS_MODELS`; None: default.
         deadline: s for all of it.
         samples: how many to draw.
@@ -76,7 +76,8 @@ def assess_settled(
     """
     clock = Deadline.after(deadline)
     analysis = analysis or Analysis.of(scene.assembly, deadline=clock)
-    at_settled = assess(analysis, carried(pushes, scene.seen, scene.assembly), model, deadline)
+    tolerance = analysis.structure.margin + 3 * _largest_std(scene.seen)
+    at_settled = assess(analysis, carried(pushes, scene.seen, scene.assembly), model, deadline, tolerance)
     ends = [(result.lower, result.upper) for result in at_settled.results]
     if not (scene.moves or _varies(scene.assembly)) or not at_settled.stable:
         samples = 0
@@ -84,7 +85,7 @@ def assess_settled(
     draws = scene.samples(rng)
     drawn = fallen = refused = 0
     while drawn + fallen + refused < samples and not clock.passed:
-        found = _assessed(scene, _varied(next(draws), rng), pushes, model, clock)
+        found = _assessed(scene, _varied(next(draws), rng), pushes, model, clock, tolerance)
         if found is None:
             refused += 1
         elif not found.stable:
@@ -98,12 +99,28 @@ def assess_settled(
     return UncertainAssessment(at_settled, lower, upper, drawn, fallen, refused, complete)
 
 
+def _largest_std(assembly: Assembly) -> float:
+    """m, one sigma of the coordinate that is known least, of any object that may move."""
+    variances = [
+        float(np.max(np.diag(item.pose_covariance)[:3]))
+        for item in assembly.objects
+        if not item.fixed and item.pose_covariance is not None
+    ]
+    return float(np.sqrt(max(variances, default=0.0)))
+
+
 def _assessed(
-    scene: Settled, sample: Assembly, pushes: Sequence[Push | Sequence[Push]], model: str | None, clock: Deadline
+    scene: Settled,
+    sample: Assembly,
+    pushes: Sequence[Push | Sequence[Push]],
+    model: str | None,
+    clock: Deadline,
+    tolerance: float,
 ) -> Assessment | None:
     """Answers about a sample; None where it overlaps too much, no solver answered, or time ran out."""
     try:
-        found = assess(Analysis.of(sample, deadline=clock), carried(pushes, scene.seen, sample), model, clock.remaining)
+        analysis, moved = Analysis.of(sample, deadline=clock), carried(pushes, scene.seen, sample)
+        found = assess(analysis, moved, model, clock.remaining, tolerance)
     except PoiseError:
         return None
     return None if found.doubtful else found

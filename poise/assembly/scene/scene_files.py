@@ -21,7 +21,8 @@ from poise.types import Array
 _MAX_BYTES = 16_000_000
 _UPPER = np.triu_indices(3)
 
-_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+_TEXT_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
+"""Numbers that YAML 1.1 takes for text: 1e-6, -.05, -.5e-3."""
 
 _SCENE_KEYS = {"gravity", "friction", "rolling", "objects", "friction_pairs", "pose_std"}
 _SHAPE_KEYS = {"box", "cylinder", "sphere", "mesh", "scale"}
@@ -270,7 +271,7 @@ def _list(value: Any, where: str) -> list[Any]:
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, str) and _EXPONENT.fullmatch(value):  # YAML 1.1 takes 1e-6 for text
+    if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
         return float(value)
     # bool is an int in Python, never a quantity here.
     if isinstance(value, bool) or not isinstance(value, int | float):

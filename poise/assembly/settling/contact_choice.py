@@ -21,6 +21,10 @@ _ASIDE, _TURNED = 0.04, 0.02
 everywhere up to this."""
 _SURE = 50.0
 """Logarithm of odds."""
+_STAYS = 0.02
+"""Probability below which a contact of before is given up; one that was none becomes one above 1 minus it."""
+_STAYS_OFF = 0.5
+"""Share of `_MOST` above which a face that did not carry a body before does not carry it now."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +47,20 @@ class Choice:
 
 
 def choose(
-    candidates: Candidates, bodies: SeenBodies, up: Array, lowest: Array, rng: np.random.Generator | None = None
+    candidates: Candidates,
+    bodies: SeenBodies,
+    up: Array,
+    lowest: Array,
+    rng: np.random.Generator | None = None,
+    before: Indices | None = None,
 ) -> Choice:
     """Decide from the bottom to the top what carries each body, and then which neighbours touch.
 
     Each accepted contact conditions the Gaussian of all poses, so that the next is judged by what is known then: on
     the highest face under it a body rests; a lower one that contacts already hold away is rejected.
     Faces side by side touch if that is more likely than any distance up to `_ASIDE`. Faces of equally large bodies that
-    touch are in line if that is more likely than any such offset.
+    touch are in line if that is more likely than any such offset. Contacts of before stay as long as they explain what
+    is seen, and others are accepted only when it shows them clearly, so that noise does not switch between the two.
 
     Args:
         candidates: of contacts.
@@ -58,18 +68,16 @@ def choose(
         up: (3,) against gravity.
         lowest: (N,) m, height of the lowest point of each body.
         rng: draws by their probability which neighbours touch; None: the more likely.
+        before: (C,) 1 for candidates that touched (or were in line) before, -1 for those that did not, 0 where that is
+            not known; None: for none.
     """
+    level, most = _levels(len(candidates.normal), before)
     belief = Belief(bodies, candidates.rows)
     steepness = candidates.normal @ up
     carries = (np.abs(steepness) > _CARRIES) & ~candidates.in_line
     contacts: list[int] = []
     resting = bodies.slot < 0
-    carriers = [
-        np.flatnonzero((candidates.second == place) & carries & (steepness > 0)) for place in range(len(bodies.slot))
-    ]
-    for number in np.flatnonzero(carries & (steepness < 0)).tolist():
-        place = int(candidates.first[number])
-        carriers[place] = np.append(carriers[place], number)
+    carriers = _carriers(candidates, carries, steepness, len(bodies.slot))
     for place in np.argsort(lowest, kind="stable").tolist():
         own = carriers[place]
         for narrow in (False, True):
@@ -77,24 +85,39 @@ def choose(
             if narrow and resting[place]:
                 break
             heights = [_height(belief, candidates, bodies, number, place, up) for number in some.tolist()]
-            accepted = _resting_on(belief, some[np.argsort(heights, kind="stable")[::-1]])
+            accepted = _resting_on(belief, some[np.argsort(heights, kind="stable")[::-1]], most)
             resting[place] |= len(accepted) > 0
             contacts += accepted
     sides = np.flatnonzero(~carries & ~candidates.in_line & ~candidates.narrow)
-    touching, beside, chances = _likely(belief, candidates, sides, rng)
+    touching, beside, chances = _likely(belief, candidates, sides, level, rng)
     contacts += touching
     pairs = {candidates.pair(number) for number in contacts}
     numbers = [number for number in np.flatnonzero(candidates.in_line).tolist() if candidates.pair(number) in pairs]
-    chances |= _likely(belief, candidates, np.array(numbers, dtype=np.int64), rng)[2]
+    chances |= _likely(belief, candidates, np.array(numbers, dtype=np.int64), level, rng)[2]
     return Choice(tuple(contacts), tuple(belief.accepted), tuple(beside), resting, chances)
 
 
-def _resting_on(belief: Belief, numbers: Indices) -> list[int]:
-    """Those of the faces under (or over) a body, the highest first, that carry it."""
+def _levels(count: int, before: Indices | None) -> tuple[Array, Array]:
+    """(C,) probabilities from which candidates touch, and (C,) squared distances up to which they carry a body."""
+    known = np.zeros(count, dtype=np.int64) if before is None else before
+    return np.array([0.5, _STAYS, 1 - _STAYS])[known], _MOST * np.array([1.0, 1.0, _STAYS_OFF])[known]
+
+
+def _carriers(candidates: Candidates, carries: Mask, steepness: Array, count: int) -> list[Indices]:
+    """For each of N bodies the numbers of the candidates that may carry it."""
+    carriers = [np.flatnonzero((candidates.second == place) & carries & (steepness > 0)) for place in range(count)]
+    for number in np.flatnonzero(carries & (steepness < 0)).tolist():
+        place = int(candidates.first[number])
+        carriers[place] = np.append(carriers[place], number)
+    return carriers
+
+
+def _resting_on(belief: Belief, numbers: Indices, most: Array) -> list[int]:
+    """Those of the faces under (or over) a body, the highest first, that carry it; most: (C,) squared distances."""
     accepted = []
     for number in numbers.tolist():
         mean, covariance = belief.expected(number)
-        if _square(mean, covariance) <= _MOST:
+        if _square(mean, covariance) <= most[number]:
             belief.accept(number)
             accepted.append(number)
     return accepted
@@ -112,15 +135,18 @@ def _height(belief: Belief, candidates: Candidates, bodies: SeenBodies, number: 
 
 
 def _likely(
-    belief: Belief, candidates: Candidates, numbers: Indices, rng: np.random.Generator | None
+    belief: Belief, candidates: Candidates, numbers: Indices, level: Array, rng: np.random.Generator | None
 ) -> tuple[list[int], list[int], dict[int, float]]:
-    """Faces that touch or are in line, those that are not, and all probabilities; the surest are decided first."""
+    """Faces that touch or are in line, those that are not, and all probabilities; the surest are decided first.
+
+    level: (C,) probabilities above which they are, if nothing is drawn.
+    """
     in_line = candidates.in_line
     order = sorted(numbers.tolist(), key=lambda number: -_chance(belief, number, bool(in_line[number])))
     accepted, rejected, chances = [], [], {}
     for number in order:
         chance = chances[number] = _chance(belief, number, bool(in_line[number]))
-        if chance > (0.5 if rng is None else rng.random()):
+        if chance > (level[number] if rng is None else rng.random()):
             belief.accept(number)
             accepted.append(number)
         else:

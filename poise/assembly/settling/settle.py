@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from poise.assembly.contact import CONTACT_MARGIN
 from poise.assembly.scene import Assembly, RigidObject
-from poise.assembly.settling.belief import SeenBodies, most_likely
+from poise.assembly.settling.belief import POINTS, SeenBodies, most_likely
 from poise.assembly.settling.candidates import edges_and_points, find_candidates
 from poise.assembly.settling.contact_choice import Choice, choose
 from poise.assembly.settling.refusals import moved_too_far, not_carried
@@ -16,7 +16,7 @@ from poise.assembly.settling.rows import DistanceRows, steps_between
 from poise.assembly.settling.separation import keep_apart
 from poise.errors import InputError
 from poise.geometry import Pose
-from poise.types import Array
+from poise.types import Array, Indices
 
 _THREE_SIGMA = 0.0027
 """Probability beyond three sigma."""
@@ -33,6 +33,8 @@ _OVERLAPPING = 2e-4
 """m; if bodies overlap more, the planes between them are chosen again, in at most so many rounds."""
 _OVERLAPS = 2e-5
 """m by which bodies may overlap where it would."""
+_TOUCHED = 2e-4
+"""m: distances up to which bodies that were settled touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,35 @@ class Settled:
         """The largest move over what is accepted, and at least 1: the covariance of samples grows by its square."""
         return max(1.0, self.worst.sigmas / self.accepted) if self.worst else 1.0
 
+    @property
+    def sentences(self) -> list[str]:
+        """What was moved, whether that is likely, and which neighbours may touch or not."""
+        if (worst := self.worst) is None:
+            return []
+        length = max(float(np.linalg.norm(move.translation)) for move in self.moves)
+        angle = max(float(np.linalg.norm(move.rotation)) for move in self.moves)
+        found = [
+            f"{len(self.moves)} poses settled: moved by up to {length * 1e3:.2f} mm and {np.degrees(angle):.2f} "
+            f"degrees ({worst.sigmas:.1f} sigma, {worst.id})"
+        ]
+        if self.strain > 1:
+            found.append(self.strained)
+        if self.doubtful_pairs:
+            pairs = [f"{a} and {b} ({chance:.0%})" for (a, b), chance in list(self.doubtful_pairs.items())[:3]]
+            more = f" and {len(self.doubtful_pairs) - 3} more" if len(self.doubtful_pairs) > 3 else ""
+            found.append(f"neighbours that may touch or not: {', '.join(pairs)}{more}")
+        return found
+
+    @property
+    def strained(self) -> str:
+        """That the largest move is larger than is likely; empty without moves."""
+        if (worst := self.worst) is None:
+            return ""
+        return (
+            f"{worst.id} was moved by {worst.sigmas:.1f} sigma, and up to {self.accepted:.1f} are likely here: the "
+            "stated uncertainty is too small, or a pose or a size is wrong; intervals are as much wider"
+        )
+
     def samples(self, rng: np.random.Generator) -> Iterator[Assembly]:
         """Other poses that touch, drawn from what is known, without end.
 
@@ -93,7 +124,7 @@ class Settled:
             yield self.assembly if self._problem is None else self._problem.drawn(rng, self.strain)
 
 
-def settle(assembly: Assembly) -> Settled:
+def settle(assembly: Assembly, before: Assembly | None = None) -> Settled:
     """Find the most likely poses that touch and do not overlap.
 
     Objects with a `pose_covariance` are moved; the others stay. What rests on what, and which neighbours touch, is
@@ -104,13 +135,18 @@ def settle(assembly: Assembly) -> Settled:
     beyond it in 0.27 % of scenes (3.5 sigma for one object, 4.3 for thirty). Up to twice that are settled, too, with
     samples that spread as much farther.
 
+    Args:
+        assembly: the objects as they were seen.
+        before: the assembly as it was settled from poses seen before (a tracker's): the same contacts are kept between
+            bodies that are still there, as long as they explain what is seen now.
+
     Raises:
         InputError: FLOATING for an object with nothing under it that errors of three sigma explain, naming what is
             nearest; FLOATING or INTERPENETRATION, naming the pair, where an object would have to move too far.
     """
     if not any(_uncertain(item) for item in assembly.objects):
         return Settled(assembly, assembly, (), {}, 0.0, None)
-    problem = _Problem(assembly)
+    problem = _Problem(assembly, before)
     poses = problem.settled(problem.choice, problem.bodies)
     moves = _moves(problem, poses)
     worst = max(moves, key=lambda move: move.sigmas)
@@ -127,8 +163,8 @@ def settle(assembly: Assembly) -> Settled:
 class _Problem:
     """An assembly with uncertain poses, its candidates of contacts, and which of them touch."""
 
-    def __init__(self, assembly: Assembly) -> None:
-        self.assembly = assembly
+    def __init__(self, assembly: Assembly, before: Assembly | None) -> None:
+        self.assembly, self.before = assembly, before
         items = assembly.objects
         poses = Pose(
             np.array([item.pose.rotation for item in items]), np.array([item.pose.translation for item in items])
@@ -148,7 +184,24 @@ class _Problem:
     def chosen(self, rng: np.random.Generator | None) -> Choice:
         """The contacts: the most likely, or drawn."""
         lowest = np.array([(item.vertices @ self.up).min() for item in self.assembly.objects])
-        return choose(self.candidates, self.bodies, self.up, lowest, rng)
+        return choose(self.candidates, self.bodies, self.up, lowest, rng, self._known())
+
+    def _known(self) -> Indices | None:
+        """(C,) which candidates touched before, as `choose` takes it; 0 where a body is new, or has moved since."""
+        if self.before is None:
+            return None
+        items = [
+            self.before.objects[self.before.index[item.id]] if item.id in self.before.index else item
+            for item in self.assembly.objects
+        ]
+        poses = Pose(
+            np.array([item.pose.rotation for item in items]), np.array([item.pose.translation for item in items])
+        )
+        moved = self.bodies.sigmas(steps_between(poses, self.bodies.poses))
+        there = np.array([item.id in self.before.index for item in self.assembly.objects]) & (moved <= 2 * self.limit)
+        distances = np.abs(self.candidates.rows.linearised(poses)[0]).reshape(-1, POINTS)
+        touched = np.where(np.all(distances < _TOUCHED, axis=1), 1, -1)
+        return np.where(there[self.candidates.first] & there[self.candidates.second], touched, 0)
 
     def settled(self, choice: Choice, bodies: SeenBodies) -> Pose:
         """The most likely poses at which these contacts hold, of bodies seen at other poses than here, too."""

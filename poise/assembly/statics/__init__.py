@@ -23,7 +23,7 @@ from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor
-from poise.assembly.statics.pushes import Loads, Push, loads_of
+from poise.assembly.statics.pushes import Loads, Push, loads_of, surface_distance
 from poise.assembly.statics.rolling import ROLLING_TOGETHER, Rolling, rolling, too_many_to_roll
 from poise.assembly.statics.single_patch import hull_edges
 
@@ -54,6 +54,7 @@ __all__ = [
     "polygon_rows",
     "rolling",
     "same_object",
+    "surface_distance",
     "too_many_to_roll",
     "unstable",
 ]

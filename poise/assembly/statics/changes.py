@@ -29,7 +29,8 @@ def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:
     for name in gone:
         analysis = analysis.without(name)
     # Also when nothing is new: what floats now is an error.
-    return analysis.with_object(*changed) if gone or changed else before
+    same = set(before.assembly.friction_pairs) == set(assembly.friction_pairs)
+    return before if same and not (gone or changed) else analysis.with_object(*changed, pairs=assembly.friction_pairs)
 
 
 def begin_near(before: Analysis, after: Analysis) -> None:
@@ -49,11 +50,11 @@ def begin_near(before: Analysis, after: Analysis) -> None:
 
 
 def _same_setting(first: Assembly, second: Assembly) -> bool:
-    """Equal gravity and friction."""
+    """Equal gravity, friction and rolling resistance, and no friction pair of objects that stay is left out."""
     return (
         np.array_equal(first.gravity, second.gravity)
-        and first.friction == second.friction
-        and set(first.friction_pairs) == set(second.friction_pairs)
+        and (first.friction, first.rolling) == (second.friction, second.rolling)
+        and {pair for pair in _names(first) if pair <= set(second.index)} <= _names(second)
     )
 
 
@@ -66,6 +67,11 @@ def same_object(first: RigidObject, second: RigidObject) -> bool:
         and all(_same(getattr(first, name), getattr(second, name)) for name in ("com", "inertia", "covariance"))
         and _same_shape(first.shape, second.shape)
     )
+
+
+def _names(assembly: Assembly) -> set[frozenset[str]]:
+    """The objects of each friction pair."""
+    return {frozenset(pair.objects) for pair in assembly.friction_pairs}
 
 
 def _same(first: Array | None, second: Array | None) -> bool:

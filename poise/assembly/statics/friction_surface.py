@@ -8,11 +8,14 @@ import numpy as np
 
 from poise.assembly.contact import Interface, triangle_areas
 from poise.geometry import plane_axes
-from poise.types import Array
+from poise.types import Array, Indices
 
 _QUADRATURE = 500
 # Grid of the table of normal forces needed: azimuth of the force, and elevation of the moment above it.
 _TABLE = 33
+_CORNER_COLUMNS, _CORNER_ROWS = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+_FEW = 64
+"""Questions up to which the table is filled only where they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,23 @@ class FrictionSurface:
         columns = [(np.cos(angle) * flat + np.sin(angle) * turning).max(axis=1) for angle in lift]
         return np.stack(columns, axis=1)
 
+    def _known(self, column: Indices, row: Indices) -> Array:
+        """`_table`, of which a few questions fill in only the corners of the cells (...) that they are in."""
+        if "_table" in self.__dict__ or column.size > _FEW:
+            return self._table
+        corners = (column[..., None] + _CORNER_COLUMNS) * _TABLE + row[..., None] + _CORNER_ROWS
+        table = self._partial.ravel()
+        wanted = np.unique(corners)
+        wanted = wanted[np.isnan(table[wanted])]
+        azimuth, lift = 2 * np.pi / (_TABLE - 1) * (wanted // _TABLE), np.pi / 2 / (_TABLE - 1) * (wanted % _TABLE)
+        loads = np.stack([np.cos(lift) * np.cos(azimuth), np.cos(lift) * np.sin(azimuth), np.sin(lift)], axis=1)
+        table[wanted] = (loads @ self._motions.T).max(axis=1)
+        return self._partial
+
+    @cached_property
+    def _partial(self) -> Array:
+        return np.full((_TABLE, _TABLE), np.nan)
+
     def normal_force_needed(self, force: Array, moment: Array) -> Array:
         """(...) normal force needed, at friction 1, to resist forces (..., 2) and moments (...) about the centroid."""
         turning = moment / self.radius
@@ -93,7 +113,7 @@ class FrictionSurface:
         row = np.arctan2(np.abs(turning), flat) * ((_TABLE - 1) / (np.pi / 2))
         i, j = np.minimum(column.astype(np.intp), _TABLE - 2), np.minimum(row.astype(np.intp), _TABLE - 2)
         a, b = column - i, row - j
-        table, at = self._table.ravel(), i * _TABLE + j
+        table, at = self._known(i, j).ravel(), i * _TABLE + j
         below = table.take(at) * (1 - b) + table.take(at + 1) * b
         above = table.take(at + _TABLE) * (1 - b) + table.take(at + (_TABLE + 1)) * b
         return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
