@@ -11,8 +11,8 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer import Diagnosis, Verdict, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.change import Change, Recorded, alike, beyond_errors, change_of
-from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
-from poise.mismatch.comparing.direction import has_less
+from poise.mismatch.comparing.difference import difference, with_motion_of
+from poise.mismatch.comparing.direction import has_less, unexplained
 from poise.mismatch.comparing.known_physics import with_known_physics
 from poise.mismatch.comparing.stages import Stages
 from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
@@ -109,7 +109,7 @@ def compare(
     if skew != 1.0:
         on_a = with_motion_of(b, a, matched.reversed())
         instead = align(on_a, a)
-        if unlike(without_common(on_a, a, instead)) < unlike(without_common(b, a, matched)):
+        if unexplained(without_common(on_a, a, instead)) < unexplained(without_common(b, a, matched)):
             b, matched = on_a, instead
     ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
     side, found = _likelier(ways, stages)
@@ -147,7 +147,9 @@ def _material(
 ) -> tuple[tuple[Change, ...], list[str]]:
     """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
     less = a if side == "b" else b
-    kept = tuple(each for each in changes if beyond_errors(each, stages.own_values(each.finding, less), less))
+    # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
+    own = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+    kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
     return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
 
 
