@@ -85,6 +85,8 @@ def test_a_change_of_the_wrench_is_found_in_the_recording_that_has_it() -> None:
         (5, "frictionloss", "skew"),
         (3058, "armature", "same"),  # far below the noise of a sample
         (4002, "load", "other"),  # that only A has
+        (7295, "load", "skew"),  # far larger than what the wrong clock does
+        (7215, "damping", "faster"),  # of one joint, beside much that both recordings have
     ],
 )
 def test_what_both_lack_cancels(seed: int, change: str, moved: str, tmp_path: Path) -> None:
