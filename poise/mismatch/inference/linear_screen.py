@@ -96,7 +96,6 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
     screen = _Screen(problem, effort, rows)
     linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
     choosing = [each for each in linear if _follows(each, problem)]
-    combined = [each for each in linear if each.made_of]
     sums = screen.extended([each for each in linear if each not in choosing])
     chosen = _grown(sums, [])
     for _ in range(_CHOICES if choosing else 0):
@@ -109,7 +108,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
             break
     sums, chosen = _with_laws(problem, screen, sums, chosen)
     chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(sums, chosen), general=True)))
-    for effect in combined:
+    for effect in (each for each in linear if each.made_of):
         chosen = _replaced(problem, sums, chosen, effect)
     return _fitted(problem, sums, chosen)
 
@@ -165,16 +164,18 @@ class _Screen:
 
 
 def _summed(families: Sequence[_Family], target: Array, floor: Array, noise: Array) -> _Sums:
-    whole = np.concatenate([family.columns for family in families], axis=2)
-    ends = np.cumsum([family.columns.shape[2] for family in families])
-    places = tuple(
-        slice(int(end) - family.columns.shape[2], int(end)) for family, end in zip(families, ends, strict=True)
-    )
+    sizes = [family.columns.shape[2] for family in families]
+    places = tuple(slice(int(end) - size, int(end)) for size, end in zip(sizes, np.cumsum(sizes), strict=True))
     edges = np.linspace(0, len(target), _BLOCKS + 1).astype(int)
-    parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
-    vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
-    square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
+    shape = _BLOCKS, target.shape[1], sum(sizes)
+    matrix, vector, square = np.zeros((*shape, shape[2])), np.zeros(shape), np.zeros(shape[:2])
+    for joint, measured in enumerate(target.T):
+        whole = np.concatenate([family.columns[:, joint] for family in families], axis=1)
+        acting = np.flatnonzero(whole.any(axis=0))  # most columns are of one other joint
+        for block, (begin, end) in enumerate(itertools.pairwise(edges)):
+            columns, wanted = whole[begin:end, acting], measured[begin:end]
+            matrix[block, joint][np.ix_(acting, acting)] = columns.T @ columns
+            vector[block, joint, acting], square[block, joint] = columns.T @ wanted, wanted @ wanted
     return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor, noise)
 
 
