@@ -170,15 +170,23 @@ def same_path(matched: Alignment) -> bool:
 def _through_model(
     a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: Stages, notes: list[str], begin: float
 ) -> Comparison:
-    """Two motions: what A lacks becomes part of the model, and B is held against that."""
-    alone = stages.alone(a, stages.model)
-    found = stages.diagnose(with_known_physics(b, alone), alone.augmented)
+    """Two motions: what A lacks becomes part of the model, and B is held against that.
+
+    What no effect explains in A may be what changed: A is then held against B, if B leaves nothing unexplained.
+    """
+    side: Recorded = "b"
+    this, less, alone = b, a, stages.alone(a, stages.model)
+    if alone.unknown is not None and (of_b := stages.alone(b, stages.model)).unknown is None:
+        side, this, less, alone = "a", a, b, of_b
+    found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
     own = {each.effect.name: each.parameters for each in alone.findings}
-    changes = [(each, change_of(each, "b", own.get(each.effect.name, {}), a)) for each in found.findings]
-    kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), a))
-    said = [f"{matched.share:.0%} of B's motion is also in A: both are compared through the model, with what A lacks"]
+    changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]
+    kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), less))
+    lacking = "A" if side == "b" else "B"
+    share = f"{matched.share:.0%} of B's motion is also in A"
+    said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
     said += [_SMALL_NOTE.format(each.effect.name) for each, c in changes if c not in kept]
-    return Comparison(found, kept, "b", matched, (*notes, *said), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 
 
 def same_speed(matched: Alignment) -> bool:
