@@ -122,6 +122,10 @@ def recorded(xml: str, joints: list[str], commands: JointStream, noise: float, r
     places, rates = addresses(model, joints)
     drives = [model.actuator(joint).id for joint in joints]
     data.qpos[places] = commands.position[0]
+    for drive, first in zip(drives, commands.position[0], strict=True):
+        if model.actuator_delay[drive] > 0.0:  # a robot at rest has had its first command for a while
+            count = int(model.actuator_history[drive, 0])
+            mujoco.mj_initCtrlHistory(model, data, drive, None, np.full((count, 1), first))
     every = round(1.0 / RATE / STEP)
     sent = commands.seconds
     rows = []

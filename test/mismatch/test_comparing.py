@@ -13,7 +13,7 @@ import pytest
 from benchmarks.compare import CHANGES, make_pair
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.comparing import align, compare
+from poise.mismatch.comparing import align, compare, comparison
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 
@@ -85,6 +85,8 @@ def test_a_change_of_the_wrench_is_found_in_the_recording_that_has_it() -> None:
         (5, "frictionloss", "skew"),
         (3058, "armature", "same"),  # far below the noise of a sample
         (4002, "load", "other"),  # that only A has
+        (7295, "load", "skew"),  # far larger than what the wrong clock does
+        (7215, "damping", "faster"),  # of one joint, beside much that both recordings have
     ],
 )
 def test_what_both_lack_cancels(seed: int, change: str, moved: str, tmp_path: Path) -> None:
@@ -103,3 +105,24 @@ def test_what_both_lack_cancels(seed: int, change: str, moved: str, tmp_path: Pa
     if change == "load":
         sign = 1.0 if truth["in"] == "b" else -1.0
         assert sign * found["effects"][0]["change"]["mass"]["value"] == pytest.approx(truth["mass"], rel=0.1)
+
+
+@pytest.mark.parametrize(("unexplained", "side"), [("", "b"), ("a", "a"), ("ab", "b")])
+def test_what_only_a_leaves_unexplained_is_held_against_b(
+    monkeypatch: pytest.MonkeyPatch, unexplained: str, side: str
+) -> None:
+    """Of two motions: rotors of A that no name explains beside its friction were `none`, since B has nothing more."""
+    monkeypatch.setattr(comparison, "with_known_physics", lambda recorded, alone: recorded)
+    alone = {
+        name: SimpleNamespace(unknown="rest" if name in unexplained else None, findings=(), augmented=name)
+        for name in "ab"
+    }
+    stages: Any = SimpleNamespace(
+        model=None,
+        alone=lambda recorded, model: alone[recorded],
+        diagnose=lambda this, model: SimpleNamespace(findings=(), held=this, against=model),
+    )
+    matched: Any = SimpleNamespace(share=0.0)
+    found: Any = comparison._through_model("a", "b", matched, stages, [], 0.0)  # type: ignore[arg-type]
+    assert found.side == found.diagnosis.held == side
+    assert found.diagnosis.against == ("a" if side == "b" else "b")

@@ -63,15 +63,15 @@ class Interface:
         self, friction: float, rolling: float, first: int | None = None, second: int | None = None
     ) -> "Interface":
         """The interface with other coefficients, and of bodies at other places (None: the same ones)."""
-        places = self.first if first is None else first, self.second if second is None else second
-        same = self.touch is None or rolling == self.rolling
-        if same and (friction, *places) == (self.friction, self.first, self.second):
-            return self
-        if self.touch is None or same:
-            own = self.normal, self.points, self.triangles, self.gap, friction, self.touch, self.rolling, self.kept
-            return Interface(*places, *own)
-        points = widened(self.touch, self.normal, rolling)
-        return Interface(*places, self.normal, points, self.triangles, self.gap, friction, self.touch, rolling, kept={})
+        one = self.first if first is None else first
+        other = self.second if second is None else second
+        normal, points, triangles, gap, touch = self.normal, self.points, self.triangles, self.gap, self.touch
+        if touch is None or rolling == self.rolling:
+            if (friction, one, other) == (self.friction, self.first, self.second):
+                return self
+            return Interface(one, other, normal, points, triangles, gap, friction, touch, self.rolling, self.kept)
+        points = widened(touch, normal, rolling)
+        return Interface(one, other, normal, points, triangles, gap, friction, touch, rolling)
 
     def once(self, name: str, compute: Callable[[], _Kept]) -> _Kept:
         """What has been computed about the region under a name; computed now if it has not."""

@@ -11,8 +11,8 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer import Diagnosis, Verdict, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.change import Change, Recorded, alike, beyond_errors, change_of
-from poise.mismatch.comparing.difference import difference, unlike, with_motion_of
-from poise.mismatch.comparing.direction import has_less
+from poise.mismatch.comparing.difference import difference, with_motion_of
+from poise.mismatch.comparing.direction import has_less, unexplained
 from poise.mismatch.comparing.known_physics import with_known_physics
 from poise.mismatch.comparing.stages import Stages
 from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
@@ -109,7 +109,7 @@ def compare(
     if skew != 1.0:
         on_a = with_motion_of(b, a, matched.reversed())
         instead = align(on_a, a)
-        if unlike(without_common(on_a, a, instead)) < unlike(without_common(b, a, matched)):
+        if unexplained(without_common(on_a, a, instead)) < unexplained(without_common(b, a, matched)):
             b, matched = on_a, instead
     ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
     side, found = _likelier(ways, stages)
@@ -147,7 +147,9 @@ def _material(
 ) -> tuple[tuple[Change, ...], list[str]]:
     """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
     less = a if side == "b" else b
-    kept = tuple(each for each in changes if beyond_errors(each, stages.own_values(each.finding, less), less))
+    # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
+    own = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+    kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
     return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
 
 
@@ -168,15 +170,23 @@ def same_path(matched: Alignment) -> bool:
 def _through_model(
     a: RecordedMotion, b: RecordedMotion, matched: Alignment, stages: Stages, notes: list[str], begin: float
 ) -> Comparison:
-    """Two motions: what A lacks becomes part of the model, and B is held against that."""
-    alone = stages.alone(a, stages.model)
-    found = stages.diagnose(with_known_physics(b, alone), alone.augmented)
+    """Two motions: what A lacks becomes part of the model, and B is held against that.
+
+    What no effect explains in A may be what changed: A is then held against B, if B leaves nothing unexplained.
+    """
+    side: Recorded = "b"
+    this, less, alone = b, a, stages.alone(a, stages.model)
+    if alone.unknown is not None and (of_b := stages.alone(b, stages.model)).unknown is None:
+        side, this, less, alone = "a", a, b, of_b
+    found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
     own = {each.effect.name: each.parameters for each in alone.findings}
-    changes = [(each, change_of(each, "b", own.get(each.effect.name, {}), a)) for each in found.findings]
-    kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), a))
-    said = [f"{matched.share:.0%} of B's motion is also in A: both are compared through the model, with what A lacks"]
+    changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]
+    kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), less))
+    lacking = "A" if side == "b" else "B"
+    share = f"{matched.share:.0%} of B's motion is also in A"
+    said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
     said += [_SMALL_NOTE.format(each.effect.name) for each, c in changes if c not in kept]
-    return Comparison(found, kept, "b", matched, (*notes, *said), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 
 
 def same_speed(matched: Alignment) -> bool:

@@ -64,14 +64,6 @@ def with_motion_of(this: RecordedMotion, other: RecordedMotion, alignment: Align
     return replace(moved, effort=replace(track, measured=measured).select(kept))
 
 
-def unlike(less: RecordedMotion) -> float:
-    """Share of the readings of a difference that its prediction leaves, mean square over channels."""
-    pairs = [(less.wrench, less.prediction)] if less.has("wrench") else []
-    if less.effort is not None:
-        pairs.append((less.effort.measured, less.effort.prediction))
-    return float(np.mean([((m - p).var(axis=0) / np.maximum(m.var(axis=0), 1e-12)).mean() for m, p in pairs]))
-
-
 def _counterparts(seconds: Array, others: Array, alignment: Alignment, alike: Mask | None = None) -> tuple[Array, Mask]:
     """(N,) s in the other recording, and which samples have one there; `alike` as in `difference`."""
     times = alignment.at(seconds)

@@ -1,4 +1,9 @@
-"""Which of two recordings has more: a guess by least squares, so that the likely answer is searched for first."""
+"""Least squares of a difference: which of two recordings has more, and what no change of friction or load explains.
+
+Both are guesses: by the first the likely answer is searched for first, by the second a clock differs from a speed.
+"""
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,18 +21,32 @@ def has_less(difference: RecordedMotion) -> bool:
 
     Friction and rotors have one sign in whichever recording has them, and so has a mass.
     """
-    found = 0.0
+    return sum(_signed(*each) for each in _signals(difference)) < 0.0
+
+
+def unexplained(difference: RecordedMotion) -> float:
+    """What friction, rotors, a load and constants leave of a difference, mean square in units of its noise.
+
+    A change is often larger than what a wrong clock does to the predictions; it is removed before that is judged.
+    """
+    left = []
+    for columns, residual, _, _ in _signals(difference):
+        wide, rest = _weighed(np.concatenate([columns, _constants(columns)], axis=2), residual)
+        left.append(float(np.mean((rest - wide @ _solved(wide.T @ wide, wide.T @ rest)) ** 2)))
+    return float(np.mean(left))
+
+
+def _signals(difference: RecordedMotion) -> Iterator[tuple[Array, Array, int, bool]]:
+    """Of efforts and wrench: columns and residual, and which coefficients have a sign, as for `_signed`."""
     effort = difference.effort
     if effort is not None and effort.names:
         columns = _friction(effort)
         load = _load_on_efforts(difference)
         if load is not None:
             columns = np.concatenate([columns, load], axis=2)
-        residual = effort.measured - effort.prediction
-        found += _signed(columns, residual, positive=3 * len(effort.names), mass=load is not None)
+        yield columns, effort.measured - effort.prediction, 3 * len(effort.names), load is not None
     if difference.has("wrench"):
-        found += _signed(_payload(difference), difference.wrench - difference.prediction, positive=0, mass=True)
-    return found < 0.0
+        yield _payload(difference), difference.wrench - difference.prediction, 0, True
 
 
 def _averaged(values: Array) -> Array:
@@ -45,18 +64,33 @@ def _signed(columns: Array, residual: Array, positive: int, mass: bool) -> float
         positive: number of the first columns whose coefficients are positive.
         mass: the column after these is a mass, and the rest belongs to it.
     """
-    columns, residual = _averaged(columns), _averaged(residual)
-    noise = np.maximum(np.std(np.diff(residual, axis=0), axis=0), 1e-9)
-    wide = (columns / noise[:, None]).reshape(-1, columns.shape[2])
-    right = wide.T @ (residual / noise).ravel()
+    wide, rest = _weighed(columns, residual)
     normal = wide.T @ wide
-    found = np.linalg.solve(normal + 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal)), right)
+    found = _solved(normal, wide.T @ rest)
     energy = found * np.abs(found) * np.diag(normal)
     total = float(energy[:positive].sum())
     if mass:
         rest = found[positive:]
         total += float(np.sign(found[positive]) * (rest @ normal[positive:, positive:] @ rest))
     return total
+
+
+def _weighed(columns: Array, residual: Array) -> tuple[Array, Array]:
+    """(R, k) and (R,) averages in units of the noise, from columns (N, C, k) and a residual (N, C)."""
+    columns, residual = _averaged(columns), _averaged(residual)
+    noise = np.maximum(np.std(np.diff(residual, axis=0), axis=0) / np.sqrt(2.0), 1e-9)
+    return (columns / noise[:, None]).reshape(-1, columns.shape[2]), np.asarray((residual / noise).ravel())
+
+
+def _solved(normal: Array, right: Array) -> Array:
+    ridge = 1e-9 * max(float(np.trace(normal)), 1e-12) * np.eye(len(normal))
+    return np.asarray(np.linalg.solve(normal + ridge, right))
+
+
+def _constants(columns: Array) -> Array:
+    """(N, C, C) a constant of each channel."""
+    rows, channels = columns.shape[:2]
+    return np.broadcast_to(np.eye(channels), (rows, channels, channels))
 
 
 def _friction(effort: EffortTrack) -> Array:

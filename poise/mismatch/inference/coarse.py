@@ -1,12 +1,14 @@
 """A recording at a lower rate, to screen many hypotheses before few are fitted in full."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.inference.noise import SignalNoise, kept_share
 from poise.mismatch.inference.problem import Problem, SampleBlocks
+from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.types import Array
 
 _FEWEST, _SPAN = 5, 0.04
 """Samples that are averaged, at the least, and s that they span. Odd, so that one is in the middle."""
@@ -50,3 +52,23 @@ def _thinned_noise(noise: SignalNoise, rows: NDArray[np.intp], span: float) -> S
         -(-noise.block // together),
         None if noise.motion is None else noise.motion[middle] * kept,
     )
+
+
+def averaged_efforts(effort: EffortTrack, groups: NDArray[np.intp]) -> EffortTrack:
+    """Efforts with the samples of each row of groups (R, n) averaged."""
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[groups].mean(axis=1))
+
+    changes: dict[str, object] = {
+        each.name: mean(getattr(effort, each.name))
+        for each in fields(effort)
+        if isinstance(getattr(effort, each.name), np.ndarray)
+    }
+    if effort.links is not None:
+        names, columns = effort.links.base_parameters
+        parts = (mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
+        links = LinkTrack(effort.links.numbers, *parts)
+        links.__dict__["base_parameters"] = names, mean(columns)  # the same parameters as at the full rate
+        changes["links"] = links
+    return replace(effort, **changes)  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ matrices of a few blocks of the recording give the error on each block of a fit 
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, Values
 from poise.mismatch.inference.box import box_minimum
+from poise.mismatch.inference.coarse import averaged_efforts
+from poise.mismatch.inference.courses import brief, follows_residual
 from poise.mismatch.inference.linearised import PRIOR_SCALES
 from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.recorded import EffortTrack, LinkTrack, RecordedMotion
+from poise.mismatch.recorded import EffortTrack
 from poise.types import Array
 
 _BLOCKS = 6
@@ -26,7 +28,7 @@ _ROWS = 3000
 _LEAST, _IN_BLOCKS = 0.12, 4
 """Share of the error of some joint on other blocks that an effect must explain, and the blocks in which it falls."""
 _DETAIL = 0.01
-"""Least share of the error of the nominal model in some joint: laws of friction hold to about a tenth."""
+"""Least share of the error of the nominal model (with its load) in some joint: laws of friction hold to a tenth."""
 _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _MOST = 10
@@ -98,8 +100,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         return ()
     screen = _Screen(problem, effort, rows)
     linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
-    choosing = [each for each in linear if _follows(each, problem)]
-    combined = [each for each in linear if each.made_of]
+    choosing = [each for each in linear if follows_residual(each, problem)]
     sums = screen.extended([each for each in linear if each not in choosing])
     chosen = _grown(sums, [])
     for _ in range(_CHOICES if choosing else 0):
@@ -110,18 +111,11 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         chosen = _grown(sums, chosen)
         if len(chosen) == known:
             break
-    chosen = _pruned(sums, _grown(sums, _with_event(sums, chosen), general=True))
-    chosen = _varied(sums, chosen)
-    for effect in combined:
+    sums, chosen = _with_laws(problem, screen, sums, chosen)
+    chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(sums, chosen), general=True)))
+    for effect in (each for each in linear if each.made_of):
         chosen = _replaced(problem, sums, chosen, effect)
     return _fitted(problem, sums, chosen)
-
-
-def _follows(effect: Effect, problem: Problem) -> bool:
-    """Whether the starting points of an effect follow a residual: it chooses a joint, or a place and a time."""
-    parameters = effect.parameters(problem.recorded)
-    chooses = any(p.choice and p.low >= 1.0 for p in parameters)  # joints are numbered from 1
-    return chooses or (effect.layer != "friction" and not all(p.linear for p in parameters))
 
 
 class _Screen:
@@ -130,7 +124,7 @@ class _Screen:
     def __init__(self, problem: Problem, effort: EffortTrack, rows: NDArray[np.intp]) -> None:
         together = int(np.ceil(len(rows) / _ROWS))
         self._groups = rows[: len(rows) // together * together].reshape(-1, together)
-        thin = self._averaged(effort)
+        thin = averaged_efforts(effort, self._groups)
         self._problem = problem
         self._recorded = replace(problem.recorded, effort=thin)
         self._target = thin.measured - thin.prediction
@@ -142,8 +136,13 @@ class _Screen:
         precision = np.full(len(bound), _TOLERANCE_RIDGE)
         self._families = [_Family(None, {}, columns, precision, -bound, bound)]
 
-    def extended(self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None) -> "_Sums":
-        """The sums with further effects; those that start from what others leave, at the full rate."""
+    def extended(
+        self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None, general: bool = False
+    ) -> _Sums:
+        """The sums with further effects; those that start from what others leave, at the full rate.
+
+        `general`: with the general ones of their starting points alone.
+        """
         recorded, left = self._recorded, self._target
         if beside is not None:
             recorded = self._problem.recorded
@@ -154,42 +153,29 @@ class _Screen:
             upper = np.array([p.high for p in linear])
             precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
             for start in effect.starts(recorded, left):
+                if general and not effect.general_at(start):
+                    continue
                 columns = effect.columns(recorded, start)
-                columns = columns if beside is None else self._mean(columns)
-                event = effect.free_course or _brief(effect, recorded, start)
+                columns = columns if beside is None else np.asarray(columns[self._groups].mean(axis=1))
+                event = effect.free_course or brief(effect, recorded, start)
                 family = _Family(effect, dict(start), columns, precision, lower, upper, event)
                 self._families.append(family)
         return _summed(self._families, self._target, self._floor, self._noise)
 
-    def _mean(self, values: Array) -> Array:
-        return np.asarray(values[self._groups].mean(axis=1))
-
-    def _averaged(self, effort: EffortTrack) -> EffortTrack:
-        changes: dict[str, object] = {
-            each.name: self._mean(getattr(effort, each.name))
-            for each in fields(effort)
-            if isinstance(getattr(effort, each.name), np.ndarray)
-        }
-        if effort.links is not None:
-            names, columns = effort.links.base_parameters
-            parts = (self._mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
-            links = LinkTrack(effort.links.numbers, *parts)
-            links.__dict__["base_parameters"] = names, self._mean(columns)  # the same parameters as at the full rate
-            changes["links"] = links
-        return replace(effort, **changes)  # type: ignore[arg-type]
-
 
 def _summed(families: Sequence[_Family], target: Array, floor: Array, noise: Array) -> _Sums:
-    whole = np.concatenate([family.columns for family in families], axis=2)
-    ends = np.cumsum([family.columns.shape[2] for family in families])
-    places = tuple(
-        slice(int(end) - family.columns.shape[2], int(end)) for family, end in zip(families, ends, strict=True)
-    )
+    sizes = [family.columns.shape[2] for family in families]
+    places = tuple(slice(int(end) - size, int(end)) for size, end in zip(sizes, np.cumsum(sizes), strict=True))
     edges = np.linspace(0, len(target), _BLOCKS + 1).astype(int)
-    parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
-    vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
-    square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
+    shape = _BLOCKS, target.shape[1], sum(sizes)
+    matrix, vector, square = np.zeros((*shape, shape[2])), np.zeros(shape), np.zeros(shape[:2])
+    for joint, measured in enumerate(target.T):
+        whole = np.concatenate([family.columns[:, joint] for family in families], axis=1)
+        acting = np.flatnonzero(whole.any(axis=0))  # most columns are of one other joint
+        for block, (begin, end) in enumerate(itertools.pairwise(edges)):
+            columns, wanted = whole[begin:end, acting], measured[begin:end]
+            matrix[block, joint][np.ix_(acting, acting)] = columns.T @ columns
+            vector[block, joint, acting], square[block, joint] = columns.T @ wanted, wanted @ wanted
     return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor, noise)
 
 
@@ -258,7 +244,7 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
     """Add the family that lowers the error most, until none does."""
     chosen = list(chosen)
     while len(chosen) < _MOST:
-        before, variance = _begun(sums, chosen)
+        (before, variance), detail = _begun(sums, chosen), _detail(sums, chosen)
         names = {sums.families[i].name for i in chosen}
         falls = {}
         for i in range(1, len(sums.families)):
@@ -270,7 +256,7 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
             if family.name in names:
                 continue
             after = _error(sums, [*chosen, i], variance)
-            if _proven(sums, before, after, variance):
+            if _proven(sums, before, after, variance, detail):
                 falls[i] = 1.0 - _relative(after, variance)
         if not falls:
             break
@@ -279,13 +265,6 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
         size = min(sums.families[i].columns.shape[2] for i in near)
         chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=falls.__getitem__))
     return chosen
-
-
-def _brief(effect: Effect, recorded: RecordedMotion, start: Values) -> bool:
-    """Whether a fast event begins or ends within a recording."""
-    begin, end = recorded.seconds[[0, -1]]
-    windows = effect.windows(recorded, start) if effect.layer == "event" and effect.fast else ()
-    return any(first > begin or last < end for first, last in windows)
 
 
 def _with_event(sums: _Sums, chosen: list[int]) -> list[int]:
@@ -317,10 +296,18 @@ def _relative(error: Array, variance: Array) -> float:
     return float(np.mean(error / variance))
 
 
-def _proven(sums: _Sums, before: Array, after: Array, variance: Array) -> bool:
+def _detail(sums: _Sums, chosen: Sequence[int]) -> Array:
+    """(J,) the least fall of an error that is no detail of a law of friction: these do not grow with the load."""
+    loads = [i for i in chosen if (effect := sums.families[i].effect) is not None and effect.widens == "payload"]
+    if not loads or sums.noise.any():
+        return _DETAIL * sums.nominal
+    return _DETAIL * np.minimum(sums.nominal, _begun(sums, loads)[1])
+
+
+def _proven(sums: _Sums, before: Array, after: Array, variance: Array, detail: Array) -> bool:
     """Whether the error falls materially in some joint, over all blocks and again in most of them."""
     falls = (before - after).mean(axis=0)
-    material = (falls > _LEAST * before.mean(axis=0)) & (falls > _DETAIL * sums.nominal)
+    material = (falls > _LEAST * before.mean(axis=0)) & (falls > detail)
     if sums.noise.any():
         sure = 0.5 * sums.rows.sum() * falls > _LEAST_GAIN * variance
         left, nominal = (np.maximum(error - sums.noise, 0.0) for error in (before.mean(axis=0), sums.nominal))
@@ -332,9 +319,9 @@ def _proven(sums: _Sums, before: Array, after: Array, variance: Array) -> bool:
 def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
     """Without families that later ones made redundant."""
     while chosen:
-        after, variance = _begun(sums, chosen)
+        (after, variance), detail = _begun(sums, chosen), _detail(sums, chosen)
         without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
-        idle = [i for i in chosen if not (sums.families[i].event or _proven(sums, without[i], after, variance))]
+        idle = [i for i in chosen if not (sums.families[i].event or _proven(sums, without[i], after, variance, detail))]
         if not idle:
             break
         chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
@@ -342,7 +329,7 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
 
 
 def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
-    """With the best non-linear values of each effect among those tried; general ones must be clearly better."""
+    """With the best non-linear values of each effect; general ones must be clearly better, if the model has errors."""
     for place, i in enumerate(chosen):
         if sums.families[i].event:
             continue
@@ -351,9 +338,22 @@ def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
         scores = {}
         for k in alike:
             error = _relative(_error(sums, [*chosen[:place], k, *chosen[place + 1 :]], variance), variance)
-            scores[k] = error / _SIMPLER if _general(sums, k) > _general(sums, i) else error
+            dearer = _general(sums, k) > _general(sums, i) and not sums.noise.any()
+            scores[k] = error / _SIMPLER if dearer else error
         chosen = [*chosen[:place], min(scores, key=scores.__getitem__), *chosen[place + 1 :]]
     return chosen
+
+
+def _with_laws(problem: Problem, screen: _Screen, sums: _Sums, chosen: list[int]) -> tuple[_Sums, list[int]]:
+    """With another law of a chosen effect, as that of an engine, before effects that could imitate it are settled."""
+    for i in chosen:
+        effect = sums.families[i].effect
+        alike = [k for k, each in enumerate(sums.families) if each.effect is effect]
+        if effect is not None and not effect.general and any(_general(sums, k) for k in alike):
+            others = [each for each in _fitted(problem, sums, chosen) if each.effect is not effect]
+            sums = screen.extended([effect], others, general=True)
+    changed = _varied(sums, chosen)
+    return sums, chosen if changed == chosen else _grown(sums, changed)
 
 
 def _general(sums: _Sums, family: int) -> bool:
@@ -366,9 +366,9 @@ def _replaced(problem: Problem, sums: _Sums, chosen: list[int], combined: Effect
     rest = [i for i in chosen if sums.families[i].name not in combined.made_of]
     if len(rest) == len(chosen):
         return chosen
-    before, variance = _begun(sums, chosen)
+    (before, variance), detail = _begun(sums, chosen), _detail(sums, chosen)
     tried = {i: _error(sums, [*rest, i], variance) for i, each in enumerate(sums.families) if each.effect is combined}
-    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance)]
+    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance, detail)]
     if not proven:
         return chosen
     made = [*rest, min(proven, key=lambda i: _relative(tried[i], variance))]

@@ -1,0 +1,39 @@
+"""Effects of joint efforts that are selected together: what soft friction or a load had hidden."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from benchmarks.model_export import ROBOTS, nominal_mjcf, plant, recording, stated_payload
+from poise.mismatch.effects import all_effects
+from poise.mismatch.inference import effort_problem
+from poise.mismatch.inference.linear_screen import screened
+from poise.mismatch.reading import load_model, on_efforts, read_recording
+from poise.recording import open_recording, write_recording
+from poise.robot import RobotModel, find_urdf, read_urdf
+
+
+@pytest.mark.parametrize(
+    ("seed", "expected"),
+    [
+        (759, {"payload_parameters", "coulomb_friction", "motor_inertia"}),  # rotors: 1 % of the error of the load
+        (790, {"payload_parameters", "coulomb_friction", "viscous_friction"}),  # friction over position was selected
+    ],
+)
+def test_what_is_planted_in_mujoco_is_selected(seed: int, expected: set[str], tmp_path: Path) -> None:
+    rng, robot = np.random.default_rng([7, seed]), ROBOTS[seed % len(ROBOTS)]
+    xml, joints = nominal_mjcf(robot)
+    stream, _, _ = recording(plant(xml, joints, rng)[0], robot, joints, rng, 30.0)
+    bag, stated = tmp_path / "run.mcap", tmp_path / "model.yaml"
+    write_recording(bag, {"joint_states": stream}, robot_description=read_urdf(find_urdf(robot)))
+    stated.write_text(
+        yaml.safe_dump({"sensor_frame": RobotModel.from_file(robot).sensor_frame, "payload": stated_payload()})
+    )
+    read = read_recording(open_recording(bag), load_model(stated))
+    problem = effort_problem(read.recorded, read.model)
+    effects = [on_efforts(each, problem.recorded) for each in all_effects()]
+    library = [each for each in effects if each.signal == "effort" and not each.untestable(problem.recorded)]
+    found = screened(problem, library)
+    assert {part.effect.name for part in found if not part.effect.free_course} == expected
