@@ -25,7 +25,7 @@ def _sphere(pairs: int) -> tuple[Array, Indices]:
     return directions, triangles
 
 
-_DIRECTIONS, _TRIANGLES = _sphere(50)
+_DIRECTIONS, _TRIANGLES = _sphere(120)
 
 
 class Hulls(NamedTuple):

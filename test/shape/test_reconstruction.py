@@ -12,7 +12,7 @@ from poise.errors import InputError
 from poise.inertia.model.object_shape import parts_of_segmentation
 from poise.inertia.model.parameters import pseudo_inertia
 from poise.shape.carving import carve, spacing_of
-from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, guarded, reconstruct
+from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, _widened, guarded, reconstruct
 from poise.shape.segmentation import segment
 from poise.shape.solid import Solid
 
@@ -165,3 +165,11 @@ def test_a_volume_that_may_as_well_be_nothing_is_noise(share: float, is_noise: b
     solid = Solid(corners, np.array([[0, 1, 2, 3]]), np.full((1, 4), -1), share * 1e-6 / 6)
     with pytest.raises(InputError, match="is uncertain by 200 %") if is_noise else nullcontext():
         solid.require_substance()
+
+
+def test_much_hidden_surface_counts_for_more_than_its_share() -> None:
+    assert _widened(0.0, 1.0) == 0
+    assert _widened(0.01, 1.0) == pytest.approx(0.0104)
+    assert _widened(0.2, 1.0) == pytest.approx(0.36)
+    assert _widened(0.4, 1.0) == 0.5  # a thing is not called noise for what it hides
+    assert _widened(0.7, 1.0) == 0.7
