@@ -30,6 +30,8 @@ CAMERA_TOPICS = {
     "colour": "camera/color/image_raw",
 }
 """What a RealSense driver calls them."""
+_UPRIGHT = 0.9999
+"""Cosine to the vertical from which on the longest axis of a body has no direction along the table."""
 _JOINT_RATE = 50.0
 _FRAME_PERIOD = 0.24
 """s; the thesis took 127 images in about 30 s."""
@@ -64,7 +66,8 @@ def laid_down(vertices: Array, triangles: NDArray[np.int64], at: tuple[float, fl
     centre = (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
     faces = ConvexHull(vertices).equations
     down = faces[np.argmin(-(faces[:, :3] @ centre + faces[:, 3])), :3]
-    along = np.linalg.eigh(np.cov(vertices.T))[1][:, 2]
+    axes = np.linalg.eigh(np.cov(vertices.T))[1]
+    along = axes[:, 2] if abs(axes[:, 2] @ down) < _UPRIGHT else axes[:, 1]
     x = along - (along @ down) * down
     x /= np.linalg.norm(x)
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])

@@ -20,8 +20,8 @@ from poise.scanning.looking import WORKERS, each, in_all
 from poise.scanning.support import Footprint
 from poise.types import Array, Indices, Single
 
-COARSE, _COARSE_PIXELS = 8, 600_000
-"""Pixels between those of the first look, at the most, and how many it takes of all views together."""
+COARSE, _COARSEST, _COARSE_PIXELS = 8, 12, 300_000
+"""Pixels between those that show the table; at the most in the first look, and how many that takes of all views."""
 _JUMP = 0.006
 """m between neighbouring pixels from which on they are of different surfaces."""
 BAND = 0.004
@@ -67,7 +67,7 @@ class Surface:
 def coarse_points(views: Sequence[View], farthest: float) -> Array:
     """(N, 3) m in the world: some pixels of every view, up to `farthest` m from the camera."""
     pixels = sum(view.frame.depth.size for view in views)
-    step = int(np.clip(np.sqrt(pixels / _COARSE_PIXELS), 1, COARSE))
+    step = int(np.clip(np.sqrt(pixels / _COARSE_PIXELS), 1, _COARSEST))
 
     def of_view(view: View) -> Single:
         depth = view.frame.depth[step // 2 :: step, step // 2 :: step]
@@ -184,7 +184,7 @@ def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float
     """Left, right, top, bottom pixel around a footprint, and how far it is, m."""
     camera = view.frame.camera
     box = view.in_camera(footprint.corners)
-    distance = float(np.clip(np.median(box[:, 2]), 0.05, 5.0))
+    distance = float(np.clip(box[:, 2].mean(), 0.05, 5.0))
     if box[:, 2].max() < 1e-2:  # behind the camera
         return 0, 0, 0, 0, distance
     if box[:, 2].min() < 1e-2:

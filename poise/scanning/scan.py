@@ -13,6 +13,7 @@ from poise.scanning.completion import Completed, complete
 from poise.scanning.depth_scale import depth_scale, rescaled
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
+from poise.scanning.judging import judge
 from poise.scanning.moves import find_move
 from poise.scanning.placing import Sweep
 from poise.scanning.registration import MISFIT, refined, table_misfit
@@ -24,12 +25,6 @@ _LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
 _EVERY = 8
 """Rows of a depth image, one of which is asked whether it has depth."""
-_UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
-"""Shares of the footprint, and m2, of which nothing is known."""
-_DOUBTFUL = 0.12
-"""Share of the volume that completed surface may be off by, one sigma, above which the cause is said."""
-_SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
-"""Shares of the surface, without its underside, that no view saw."""
 _THICK = 2e-3
 _AGREED = 0.9
 """Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
@@ -160,7 +155,7 @@ def scan(
     reach(0.8)
     hidden = complete(surface, views, footprint, options.cell) if options.complete else None
     if hidden is not None:
-        notes += _judge(hidden)
+        notes += judge(hidden)
     reach(1.0)
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
@@ -359,40 +354,3 @@ def _regard(views: Sequence[View], plane: Plane) -> Array:
         return np.asarray(eyes.mean(axis=0))
     reach = (plane.offset - eyes[meets] @ plane.normal) / falls[meets]
     return np.asarray(np.median(eyes[meets] + reach[:, None] * axes[meets], axis=0))
-
-
-def _judge(hidden: Completed) -> list[str]:
-    """Sentences about what was not seen.
-
-    Raises:
-        InputError: SCAN_INCOMPLETE when that is too much.
-    """
-    unknown = hidden.unknown / hidden.footprint
-    if hidden.unknown > _UNKNOWN_LEAST and unknown > _UNKNOWN_ERROR:
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE,
-            f"scan: of {1e4 * hidden.unknown:.1f} cm2 in and beside the object ({unknown:.0%} of its footprint) no view"
-            " gives any depth: it is glass, shiny or black (powder it, or cover it with tape), or lies in a shadow"
-            " (look from the other sides too)",
-            unknown=hidden.unknown,
-        )
-    notes = []
-    if hidden.unknown > _UNKNOWN_LEAST and unknown > _UNKNOWN_NOTE:
-        notes.append(f"{1e4 * hidden.unknown:.1f} cm2 in and beside the object gave no depth in any view")
-    if hidden.hidden_sides > _SIDES_ERROR:
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE,
-            f"scan: {hidden.hidden_sides:.0%} of the object's sides were not seen; sweep the camera all around it, and"
-            " lower",
-            sides=hidden.hidden_sides,
-        )
-    notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
-    if hidden.hidden_sides > _SIDES_NOTE:
-        notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
-    if hidden.doubtful > _DOUBTFUL * hidden.volume:
-        share = hidden.doubtful / hidden.volume
-        notes.append(
-            f"about {share:.0%} of the volume may be air under the object, or a hollow that no view looks into, and"
-            " counts as object: turn it over, or stand it up, and scan again"
-        )
-    return notes

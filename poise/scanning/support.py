@@ -19,7 +19,7 @@ _LEAST_SHARE = 0.15
 """Of the points, that have to lie in the support plane."""
 _THICKEST = 0.003
 """m, one sigma: a larger value is not a plane but a cut through a body."""
-_SAMPLE, _TRIES = 6000, 400
+_SAMPLE, _TRIES = 2500, 400
 _FITTED = 30_000
 CELL = 0.003
 """m, of the height map."""
@@ -220,10 +220,11 @@ def _separated(labels: Indices, solid: Indices) -> Indices:
     """The labels of pieces, where several solid pieces are in one, each with the cells that are nearest to it."""
     areas = np.bincount(solid.ravel()) * CELL**2
     out = labels.copy()
-    for piece in range(1, int(labels.max()) + 1):
+    large = (solid > 0) & (areas[solid] >= _LEAST_AREA)
+    pairs = np.unique(np.stack([labels[large], solid[large]]), axis=1)
+    for piece in np.flatnonzero(np.bincount(pairs[0]) > 1).tolist():
         own = np.where(labels == piece, solid, 0)
         own[areas[own] < _LEAST_AREA] = 0
-        if len(np.unique(own[own > 0])) > 1:
-            nearest = ndimage.distance_transform_edt(own == 0, return_distances=False, return_indices=True)
-            out[labels == piece] = (int(out.max()) + own[tuple(nearest)])[labels == piece]
+        nearest = ndimage.distance_transform_edt(own == 0, return_distances=False, return_indices=True)
+        out[labels == piece] = (int(out.max()) + own[tuple(nearest)])[labels == piece]
     return np.unique(out, return_inverse=True)[1].reshape(out.shape)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
@@ -291,29 +291,27 @@ def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and
         (T + 1,) that one, T for the outside.
     """
-    n_tetrahedra = len(corners)
-    inner = np.repeat(np.arange(n_tetrahedra), 4)
-    outer = np.where(neighbours.ravel() < 0, n_tetrahedra, neighbours.ravel())
-    own = np.append(_circumradius_of_tetrahedra(corners), np.inf)
-    gate = _circumradius_of_triangles(corners[:, FACES].reshape(-1, 3, 3))
-    width = np.minimum(np.minimum(gate, own[inner]), own[outer])
-    once = inner < outer
-    inner, outer, width = inner[once], outer[once], width[once]
-    widest = np.lexsort((-width, outer, inner))  # a tetrahedron at a corner of the hull has several ways out
-    inner, outer, width = inner[widest], outer[widest], width[widest]
-    first = np.append(True, (np.diff(inner) != 0) | (np.diff(outer) != 0))
-    narrowness = coo_array(
-        (1 / np.maximum(width[first], _TINY), (inner[first], outer[first])), shape=(n_tetrahedra + 1,) * 2
-    )
-    tree = minimum_spanning_tree(narrowness.tocsr())
-    order, parent = breadth_first_order(tree, n_tetrahedra, directed=False)
-    both = tree + tree.T
-    to_parent = np.full(n_tetrahedra + 1, np.inf)
-    to_parent[order[1:]] = 1 / np.asarray(both[order[1:], parent[order[1:]]]).ravel()
+    count = len(corners)
+    inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
+    outer = neighbours[inner, face]
+    own = _circumradius_of_tetrahedra(corners)
+    gates = _circumradius_of_triangles(np.take_along_axis(corners[inner], FACES[face][..., None], axis=1))
+    width = np.minimum(np.minimum(gates, own[inner]), np.where(outer < 0, np.inf, own[outer]))
+    out = outer < 0
+    widest: Array = np.zeros(count)  # a tetrahedron at a corner of the hull has several ways out
+    np.maximum.at(widest, inner[out], width[out])
+    ends = np.flatnonzero(widest)
+    inner, outer = np.append(inner[~out], ends), np.append(outer[~out], np.full(len(ends), count))
+    width = np.maximum(np.append(width[~out], widest[ends]), _TINY)
+    tree = minimum_spanning_tree(csr_array((1 / width, (inner, outer)), shape=(count + 1,) * 2))
+    order, parent = breadth_first_order(tree, count, directed=False)
+    one, other = tree.nonzero()
+    to_parent = np.full(count + 1, np.inf)
+    to_parent[np.where(parent[one] == other, one, other)] = 1 / tree.data
     reach, parents = to_parent.tolist(), parent.tolist()
     for tetrahedron in order[1:].tolist():
         reach[tetrahedron] = min(reach[tetrahedron], reach[parents[tetrahedron]])
-    return np.array(reach[:n_tetrahedra]), order[1:], parent
+    return np.array(reach[:count]), order[1:], parent
 
 
 def _circumradius_of_triangles(corners: Array) -> Array:

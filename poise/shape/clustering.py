@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from poise.shape.lighting import colour_steps
 from poise.shape.surface_graph import folds
@@ -69,51 +68,82 @@ def initial_clusters(features: Features, edges: Indices, wanted: int, weights: W
     Returns:
         (N,) cluster of each point, numbered from 0.
     """
-    n_points = len(features.positions)
-    labels = np.arange(n_points)
-    representatives = np.arange(n_points)
-    i, j = edges.T
-    threshold = float(np.median(features.dissimilarity(i, j, weights)))
+    clusters = _Groups(features, edges, weights)
+    threshold = float(np.median(clusters.costs))
     for _ in range(_MOST_ROUNDS):
-        a, b = labels[i], labels[j]
-        apart = a != b
-        if len(representatives) <= wanted or not np.any(apart):
+        left = len(clusters.representatives)
+        if left <= wanted or not len(clusters.pairs):
             break
-        low, high = np.minimum(a[apart], b[apart]), np.maximum(a[apart], b[apart])
-        pairs = np.stack(np.divmod(np.unique(low * n_points + high), n_points), axis=1)
-        cost = features.dissimilarity(representatives[pairs[:, 0]], representatives[pairs[:, 1]], weights)
-        joined = _best_pairs(pairs, cost, threshold, len(representatives) - wanted)
-        if not len(joined):
+        joined = clusters.best_pairs(threshold, left - wanted)
+        if len(joined):
+            clusters.merge(joined)
+        else:
             threshold *= 2
-            continue
-        labels, representatives = _merge(labels, representatives, joined, features.positions)
-    return labels
+    return clusters.labels
 
 
-def _best_pairs(pairs: Indices, cost: Array, threshold: float, most: int) -> Indices:
-    """Pairs under the threshold that are each other's best choice, the cheapest first, `most` at the most."""
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    costs = np.tile(cost, 2)
-    order = np.lexsort((both[:, 1], costs, both[:, 0]))
-    first = np.append(True, np.diff(both[order, 0]) != 0)
-    choice = np.full(both.max() + 1, -1)
-    choice[both[order[first], 0]] = both[order[first], 1]
-    mutual = (choice[pairs[:, 0]] == pairs[:, 1]) & (choice[pairs[:, 1]] == pairs[:, 0]) & (cost < threshold)
-    chosen = np.flatnonzero(mutual)
-    return np.asarray(pairs[chosen[np.argsort(cost[chosen], kind="stable")][:most]])
+class _Groups:
+    """Clusters of points that are left: the cluster of each point, their representatives, and neighbours.
 
+    Args:
+        features, edges, weights: as of `initial_clusters`.
+    """
 
-def _merge(labels: Indices, representatives: Indices, pairs: Indices, positions: Array) -> tuple[Indices, Indices]:
-    """Unite pairs of clusters; the representative is the point nearest to the middle of the new cluster."""
-    n_clusters = len(representatives)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n_clusters, n_clusters))
-    count, united = connected_components(graph, directed=False)
-    labels = united[labels]
-    sizes = np.bincount(labels, minlength=count)
-    middles = np.column_stack([np.bincount(labels, positions[:, k], count) / sizes for k in range(3)])
-    off_middle = np.linalg.norm(positions - middles[labels], axis=1)
-    order = np.lexsort((off_middle, labels))
-    return labels, order[np.append(True, np.diff(labels[order]) != 0)]
+    def __init__(self, features: Features, edges: Indices, weights: Weights) -> None:
+        self._features, self._weights = features, weights
+        count = len(features.positions)
+        self.labels = np.arange(count)
+        self.representatives = np.arange(count)
+        self._sums, self._sizes = features.positions.copy(), np.ones(count)
+        self._find_pairs(edges)
+
+    def _find_pairs(self, edges: Indices) -> None:
+        """Neighbours (E, 2), each pair once and the lower first, with what joining them costs."""
+        count = len(self.representatives)
+        i, j = edges.T
+        apart = i != j
+        keys = np.sort(np.minimum(i, j)[apart] * count + np.maximum(i, j)[apart])
+        low, high = np.divmod(keys[np.append(True, np.diff(keys) > 0)] if len(keys) else keys, count)
+        self.pairs = np.stack([low, high], axis=1)
+        ends = self.representatives[low], self.representatives[high]
+        self.costs = self._features.dissimilarity(*ends, self._weights)
+
+    def best_pairs(self, threshold: float, most: int) -> Indices:
+        """Pairs under the threshold that are each other's best choice, the cheapest first, `most` at the most."""
+        below = np.flatnonzero(self.costs < threshold)
+        low, high = self.pairs[below[np.argsort(self.costs[below], kind="stable")]].T
+        ranks = np.arange(len(low))
+        best = np.full(len(self.representatives), len(low))
+        for ends in (low, high):
+            np.minimum.at(best, ends, ranks)
+        mutual = (best[low] == ranks) & (best[high] == ranks)
+        return np.stack([low[mutual], high[mutual]], axis=1)[:most]
+
+    def merge(self, joined: Indices) -> None:
+        """Unite pairs (M, 2), of which no two share a cluster.
+
+        The representative is the point nearest to the middle of the new cluster.
+        """
+        low, high = joined.T
+        own = np.arange(len(self.representatives))
+        own[high] = low
+        kept = own == np.arange(len(own))
+        number = (np.cumsum(kept) - 1)[own]
+        self.labels = number[self.labels]
+        for sums in (self._sums, self._sizes):
+            sums[low] += sums[high]
+        self._sums, self._sizes = self._sums[kept], self._sizes[kept]
+        self.representatives = self.representatives[kept]
+        grown = np.zeros(len(self._sizes), bool)
+        grown[number[low]] = True
+        members = np.flatnonzero(grown[self.labels])[::-1]
+        of = self.labels[members]
+        off = np.linalg.norm(self._features.positions[members] - (self._sums / self._sizes[:, None])[of], axis=1)
+        least = np.full(len(grown), np.inf)
+        np.minimum.at(least, of, off)
+        nearest = off == least[of]
+        self.representatives[of[nearest]] = members[nearest]  # of equal ones the first point, which is written last
+        self._find_pairs(number[self.pairs])
 
 
 def smooth_colours(colours: Array, edges: Indices) -> Array:

@@ -9,8 +9,8 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
+from poise.shape.hulls import Hulls
 from poise.shape.lighting import colour_steps
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
@@ -22,17 +22,6 @@ _HASTE = 1e-3
 """Factor of the cost for what is too small to be a part."""
 _ONE_COLOUR = 0.1
 """Distance of colours below which they are one."""
-
-
-def _half_sphere(count: int) -> Array:
-    """(count, 3) unit vectors, evenly spread on half a sphere."""
-    step = np.arange(count) + 0.5
-    down, around = np.arccos(1 - step / count), np.pi * (1 + 5**0.5) * step
-    return np.stack([np.cos(around) * np.sin(down), np.sin(around) * np.sin(down), np.cos(down)], axis=1)
-
-
-_DIRECTIONS = _half_sphere(50)
-"""Of a hull with many corners, only those that are the outermost in one of these directions are kept: half the time."""
 
 
 @dataclass(frozen=True)
@@ -96,33 +85,28 @@ class Hierarchy:
         return next((step for step, merge in enumerate(self.merges) if merge.cost > limit), len(self.merges))
 
 
-@dataclass(frozen=True, eq=False)
-class _Cluster:
-    """Hull corners; volume and hull's volume, and points, as shares of the object; mean colour."""
-
-    corners: Array
-    volume: float
-    hull: float
-    weight: float
-    colour: Array
-
-
 class _Clusters:
-    """Clusters that are left, their borders, and their cost of merging."""
+    """Clusters that are left, their borders, and their cost of merging.
+
+    What is known of each is in rows of arrays: its hull, its volume and that of its hull, and its points, as shares of
+    the object; its mean colour.
+    """
 
     def __init__(self, solid: Solid, leaves: Indices, point_leaves: Indices, colours: Array, costs: MergeCosts) -> None:
         self.costs = costs
         self._total = solid.volume
         count = int(leaves.max()) + 1
-        volumes = np.bincount(leaves, solid.volumes, minlength=count) / self._total
+        most = 2 * count - 1
+        self._volume, self._hull, self._weight = (np.zeros(most) for _ in range(3))
+        self._colour = np.zeros((most, 3))
+        first = Hulls.of(_corners(solid, leaves, count))
+        self._hulls = Hulls(*(np.concatenate([part, np.zeros((count - 1, *part.shape[1:]))]) for part in first))
+        self._volume[:count] = np.bincount(leaves, solid.volumes, minlength=count) / self._total
+        self._hull[:count] = np.maximum(first.volumes / self._total, self._volume[:count])
         sizes = np.bincount(point_leaves, minlength=count)
         sums = [np.bincount(point_leaves, colours[:, channel], count) for channel in range(3)]
-        means = np.stack(sums, axis=1) / np.maximum(sizes, 1)[:, None]
-        self.items: dict[int, _Cluster] = {}
-        for leaf in range(count):
-            corners, hull = self._hull(solid.vertices[np.unique(solid.tetrahedra[leaves == leaf])], volumes[leaf])
-            weight = max(int(sizes[leaf]), 1) / len(point_leaves)
-            self.items[leaf] = _Cluster(corners, float(volumes[leaf]), hull, weight, means[leaf])
+        self._colour[:count] = np.stack(sums, axis=1) / np.maximum(sizes, 1)[:, None]
+        self._weight[:count] = np.maximum(sizes, 1) / len(point_leaves)
         self.touching: dict[int, set[int]] = {leaf: set() for leaf in range(count)}
         self.next = count
         self._folds: dict[tuple[int, int], tuple[float, int]] = {}  # sum and number of edges across each border
@@ -136,59 +120,63 @@ class _Clusters:
         total, count = self._folds.get(key, (0.0, 0))
         self._folds[key] = (total + fold, count + edges)
 
-    def border_cost(self, i: int, j: int) -> float:
-        """What colour and fold alone ask; no hull is needed."""
-        one, other = self.items[i], self.items[j]
-        fold, edges = self._folds.get((min(i, j), max(i, j)), (0.0, 0))
-        size = one.weight * other.weight / (one.weight + other.weight)
-        step = self._step(one, other)
-        return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + _FEWEST_EDGES)))
+    def merging(self, i: Indices, j: Indices) -> tuple[Array, Array]:
+        """(K,) what merging clusters i and j (K,) costs: what lies between them, and the hollow (eq. 3.27); the hulls.
 
-    def haste(self, i: int, j: int) -> float:
-        """Factor by which a cluster that is too small to be a part, or of the same colour, merges before others do."""
-        one, other = self.items[i], self.items[j]
-        if min(one.volume, other.volume) < self.costs.least:
-            return _HASTE
-        alike = self.costs.one_colour < 1 and self._step(one, other) < _ONE_COLOUR
-        return self.costs.one_colour if alike else 1.0
+        Hulls (K,) are shares of the object's volume.
+        """
+        border, step = self._border(i, j)
+        volume = self._volume[i] + self._volume[j]
+        hull = np.maximum(self._joined(i, j).volumes / self._total, volume)
+        added = np.maximum(hull - self._hull[i] - self._hull[j], 0.0)
+        shape = added + self.costs.hollow * (hull - volume) + self.costs.size * volume**2
+        small = np.minimum(self._volume[i], self._volume[j]) < self.costs.least
+        alike = (self.costs.one_colour < 1) & (step < _ONE_COLOUR)
+        # What is too small to be a part, or of the same colour, merges before others do.
+        haste = np.where(small, _HASTE, np.where(alike, self.costs.one_colour, 1.0))
+        return haste * (border + shape), hull
 
-    def _step(self, one: _Cluster, other: _Cluster) -> float:
-        return float(colour_steps(one.colour, other.colour, self.costs.shading))
+    def _border(self, i: Indices, j: Indices) -> tuple[Array, Array]:
+        """(K,) what colour and fold ask, and (K,) distances of colours."""
+        keys = zip(np.minimum(i, j).tolist(), np.maximum(i, j).tolist(), strict=True)
+        fold, edges = np.array([self._folds.get(key, (0.0, 0)) for key in keys]).reshape(-1, 2).T
+        size = self._weight[i] * self._weight[j] / (self._weight[i] + self._weight[j])
+        step = colour_steps(self._colour[i], self._colour[j], self.costs.shading)
+        asked = self.costs.colour * step + self.costs.fold * np.maximum(fold / (edges + _FEWEST_EDGES), 0.0)
+        return size * asked, step
 
-    def together(self, i: int, j: int) -> tuple[float, _Cluster]:
-        """What the shape of a merge costs (eq. 3.27), and the merged cluster: its hull is that of the two hulls."""
-        one, other = self.items[i], self.items[j]
-        volume = one.volume + other.volume
-        corners, hull = self._hull(np.concatenate([one.corners, other.corners]), volume)
-        weight = one.weight + other.weight
-        colour = (one.colour * one.weight + other.colour * other.weight) / weight
-        added = max(0.0, hull - one.hull - other.hull)
-        cost = added + self.costs.hollow * (hull - volume) + self.costs.size * volume**2
-        return cost, _Cluster(corners, volume, hull, weight, colour)
+    def _joined(self, i: Indices, j: Indices) -> Hulls:
+        return Hulls(*(part[i] for part in self._hulls)).with_each(Hulls(*(part[j] for part in self._hulls)))
 
-    def merge(self, i: int, j: int, merged: _Cluster) -> int:
-        """Put a cluster in the place of two; gives its number."""
+    def merge(self, i: int, j: int, hull: float) -> int:
+        """Put a cluster, whose hull is known, in the place of two; gives its number."""
         parent, self.next = self.next, self.next + 1
-        del self.items[i], self.items[j]
-        self.items[parent] = merged
+        joined = self._joined(np.array([i]), np.array([j]))
+        for part, row in zip(self._hulls, joined, strict=True):
+            part[parent] = row[0]
+        self._volume[parent] = self._volume[i] + self._volume[j]
+        self._hull[parent] = hull
+        self._weight[parent] = self._weight[i] + self._weight[j]
+        shades = self._colour[i] * self._weight[i] + self._colour[j] * self._weight[j]
+        self._colour[parent] = shades / self._weight[parent]
         self.touching[parent] = (self.touching.pop(i) | self.touching.pop(j)) - {i, j}
         for k in self.touching[parent]:
+            fold, edges = 0.0, 0
             for child in (i, j):
                 self.touching[k].discard(child)
-                self.add_fold(k, parent, *self._folds.pop((min(child, k), max(child, k)), (0.0, 0)))
+                more, count = self._folds.pop((min(child, k), max(child, k)), (0.0, 0))
+                fold, edges = fold + more, edges + count
+            self._folds[k, parent] = fold, edges
             self.touching[k].add(parent)
         return parent
 
-    def _hull(self, points: Array, least: float) -> tuple[Array, float]:
-        """Corners of the convex hull, and its share of the object; flat sets count as what they fill."""
-        if len(points) > 2 * len(_DIRECTIONS):
-            along = points @ _DIRECTIONS.T
-            points = points[np.unique(np.concatenate([along.argmin(axis=0), along.argmax(axis=0)]))]
-        try:
-            hull = ConvexHull(points)
-        except (QhullError, ValueError):
-            return points, float(least)
-        return points[hull.vertices], max(float(hull.volume) / self._total, float(least))
+
+def _corners(solid: Solid, leaves: Indices, count: int) -> list[Array]:
+    """The corners (N, 3) m of the tetrahedra of each leaf, from the middle of the solid."""
+    n_vertices = len(solid.vertices)
+    leaf, corner = np.divmod(np.unique(leaves[:, None] * n_vertices + solid.tetrahedra), n_vertices)
+    around = solid.vertices - solid.vertices.mean(axis=0)
+    return np.split(around[corner], np.searchsorted(leaf, np.arange(1, count)))
 
 
 def build_hierarchy(
@@ -223,29 +211,22 @@ def build_hierarchy(
 
 
 def _merge_all(clusters: _Clusters) -> list[Merge]:
-    """Hulls are the work: a pair's is made only when what its border asks is the least of all."""
-    queue: list[tuple[float, int, int]] = []
-    known: dict[tuple[int, int], _Cluster] = {}
+    """The cheapest pair that is left, again and again."""
+    queue: list[tuple[float, int, int, float]] = []
 
-    def consider(i: int, j: int) -> None:
-        cost = clusters.border_cost(i, j) * clusters.haste(i, j)
-        heapq.heappush(queue, (cost, min(i, j), max(i, j)))
+    def consider(pairs: list[tuple[int, int]]) -> None:
+        if pairs:
+            i, j = np.array(pairs).T
+            costs, hulls = clusters.merging(i, j)
+            for one in zip(costs.tolist(), i.tolist(), j.tolist(), hulls.tolist(), strict=True):
+                heapq.heappush(queue, one)
 
-    for i, others in clusters.touching.items():
-        for j in sorted(others):
-            if i < j:
-                consider(i, j)
+    consider([(i, j) for i, others in clusters.touching.items() for j in sorted(others) if i < j])
     merges = []
     while queue:
-        cost, i, j = heapq.heappop(queue)
-        if i not in clusters.items or j not in clusters.items:
-            continue
-        if (i, j) not in known:
-            more, known[i, j] = clusters.together(i, j)
-            heapq.heappush(queue, (cost + more * clusters.haste(i, j), i, j))
-            continue
-        parent = clusters.merge(i, j, known.pop((i, j)))
-        merges.append(Merge(i, j, parent, cost))
-        for k in sorted(clusters.touching[parent]):
-            consider(k, parent)
+        cost, i, j, hull = heapq.heappop(queue)
+        if i in clusters.touching and j in clusters.touching:
+            parent = clusters.merge(i, j, hull)
+            merges.append(Merge(i, j, parent, cost))
+            consider([(k, parent) for k in sorted(clusters.touching[parent])])
     return merges

@@ -17,9 +17,12 @@ from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_edges, unit_normals
 from poise.types import Array, Indices
 
-_ROUNDS = 8
+_ROUNDS, _THIN_ROUNDS = 8, 5
+"""The latter where the noise is less than `_BESIDE`."""
 _NOISE_ROUNDS = 6
 """Rounds in which the noise is still corrected."""
+_LOOK_AROUND = (0, 2)
+"""Rounds in which neighbours are looked for; later, places move by less than their distances."""
 _DRAWN, _OBSERVED = 6000, 8000
 """Points drawn from the surface, and observed ones that are asked, at the most."""
 _TOGETHER, _NEIGHBOURS = 30, 24
@@ -83,20 +86,23 @@ def matched(
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     which = rng.choice(len(triangles), _DRAWN, p=areas / areas.sum())
     within, errors = rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3))
-    for number in range(_ROUNDS):
+    rounds = _ROUNDS if noise > _BESIDE * spacing else _THIN_ROUNDS
+    for number in range(rounds):
         normals = unit_normals(replace(solid, vertices=places))[0][used]
         here = places[used]
         tree = cKDTree(here)
+        if number in _LOOK_AROUND:
+            near = tree.query(here, k=min(_NEIGHBOURS, len(here)))[1]
         drawn = np.einsum("mk,mki->mi", within, places[triangles[which]]) + noise * errors
         band = _BAND * noise + _SPACINGS * spacing
         seen, made = (_distances(tree, here, normals, cloud, band) for cloud in (observed, drawn))
-        around = _Neighbourhoods(tree, here, normals, seen[0])
+        around = _Neighbourhoods(near, normals, seen[0])
         if not known and number < _NOISE_ROUNDS:
             noise *= float(np.clip(_noise_ratio(around, seen, made, noise / spacing), *_NOISE_STEP))
         shift = around.means(*seen) - around.means(*made)
         places = places.copy()
         places[used] += shift[:, None] * normals
-        if number < _ROUNDS - 1:
+        if number < rounds - 1:
             places = smoother(places, _KEEP_SMOOTH * share)
     misfit = noise * _misfit(seen[1], made[1], noise / spacing)
     return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)), misfit)
@@ -138,9 +144,8 @@ def _distances(tree: cKDTree, here: Array, normals: Array, cloud: Array, band: f
 class _Neighbourhoods:
     """Averages over the points of the same side around each place: the nearest that are enough together."""
 
-    def __init__(self, tree: cKDTree, here: Array, normals: Array, observed: Indices) -> None:
-        self._count = len(here)
-        self._near = tree.query(here, k=min(_NEIGHBOURS, self._count))[1]
+    def __init__(self, near: Indices, normals: Array, observed: Indices) -> None:
+        self._count, self._near = len(near), near
         alike = np.maximum(np.einsum("uki,ui->uk", normals[self._near], normals), 0) ** 2
         own = alike * np.bincount(observed, minlength=self._count)[self._near]
         self._weights = alike * (np.cumsum(own, axis=1) - own < _TOGETHER)

@@ -13,20 +13,29 @@ def thin(points: Array, wanted: int) -> Indices:
     Returns:
         (M,) increasing.
     """
-    first = np.sort(np.unique(points, axis=0, return_index=True)[1])
+    order = np.lexsort(points.T)
+    first = np.sort(order[np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))])
     if len(first) <= wanted:
         return first
-    low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
+    off = points[first] - points.min(axis=0)
+    extent = off.max()
     small, large = extent * 1e-6, extent
-    best = first[:1]
+    kept = large
     for _ in range(_ROUNDS):  # the count falls as the cubes grow: halve their ratio
         cube = np.sqrt(small * large)
-        cells = np.floor((points[first] - low) / cube).astype(np.int64)
-        off_middle = np.linalg.norm((points[first] - low) / cube - cells - 0.5, axis=1)
-        order = np.lexsort((off_middle, *cells.T))
-        new = np.append(True, np.any(np.diff(cells[order], axis=0) != 0, axis=1))
-        if np.count_nonzero(new) > wanted:
+        cells = np.sort(_cells(off, cube))
+        if 1 + np.count_nonzero(np.diff(cells)) > wanted:
             small = cube
         else:
-            large, best = cube, np.sort(first[order[new]])
-    return best
+            large = kept = cube
+    cells = _cells(off, kept)
+    off_middle = np.linalg.norm(off / kept - np.floor(off / kept) - 0.5, axis=1)
+    order = np.lexsort((off_middle, cells))
+    return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
+
+
+def _cells(points: Array, cube: float) -> Indices:
+    """(N,) one number for each cube of a grid, of points (N, 3) from its corner."""
+    cells = np.floor(points / cube).astype(np.int64)
+    size = cells.max(axis=0) + 1
+    return np.asarray((cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2])

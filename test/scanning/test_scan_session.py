@@ -1,15 +1,20 @@
 """Messages of a scan in any order, and what is said of those that are missing."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_cloud_frames import cloud_of
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import open_recording
+from poise.fake_robots.sweep_bag import image_bytes
+from poise.recording import IMAGE, open_recording, typestore
 from poise.recording.images import image_of, messages_of
 from poise.recording.streams import stamp_of
-from poise.scanning import SweepOptions, read_sweep
+from poise.scanning import SweepOptions, frame_of_cloud, read_sweep, scan_sweep
+from poise.scanning.imaging import frame_of
 from poise.scanning.reading import camera_of, fixed_transforms
 from poise.scanning.session import RobotLog, ScanSession, SessionOptions
 
@@ -118,3 +123,39 @@ def test_joint_states_without_positions_or_of_other_joints_do_not_count():
     np.testing.assert_allclose(robot.joints(("a", "b")).position, [[0.2, 0.3]])
     robot.add_joint_state(7 - 2 * 10**9, ["a", "b"], [0.0, 0.0])  # the clock was set back
     assert len(robot.joints(("a", "b"))) == 1
+
+
+def in_metres(session, depth, camera):
+    """A depth image as a message of 32FC1."""
+    pixels = np.where(depth.pixels > 0, depth.pixels * np.float32(1e-3), np.float32(np.nan)).astype(np.float32)
+    message = typestore().deserialize_cdr(image_bytes(depth.stamp, depth.frame_id, pixels, "32FC1"), IMAGE)
+    session.add_depth(image_of(message, DEPTH), 1.0)
+
+
+def in_steps(session, depth, camera):
+    """The driver's own message of 16UC1."""
+    session.add_depth(depth, 1.0)
+
+
+def in_points(session, depth, camera):
+    """The same as a PointCloud2."""
+    frame = frame_of(depth, camera)
+    cloud = cloud_of(replace(frame, colours=np.zeros((*frame.depth.shape, 3), np.uint8)))
+    cloud.fields = cloud.fields[:3]
+    seconds, rest = divmod(depth.stamp, 10**9)
+    cloud.header = SimpleNamespace(frame_id=depth.frame_id, stamp=SimpleNamespace(sec=seconds, nanosec=rest))
+    session.add_cloud(frame_of_cloud(cloud), 1.0)
+
+
+@pytest.mark.parametrize("send", [in_steps, in_metres, in_points])
+def test_depth_alone_floats_and_clouds_give_the_object(bag, send):
+    session = ScanSession(SessionOptions(100, 0.2, 60.0, 5.0), 0.0)
+    camera = camera_of(next(messages_of(bag, INFO)))
+    session.set_camera(camera)
+    for message in list(messages_of(bag, DEPTH))[::2]:
+        send(session, image_of(message, DEPTH), camera)
+    sweep = session.sweep(heard(bag), SweepOptions())
+    assert len(sweep.views) == session.count >= 20
+    found = scan_sweep(sweep)
+    assert found.colours is None
+    assert found.segmented().volumes.sum() == pytest.approx(2.08e-4, rel=0.3)

@@ -12,7 +12,7 @@ from poise.errors import InputError
 from poise.inertia.model.object_shape import parts_of_segmentation
 from poise.inertia.model.parameters import pseudo_inertia
 from poise.shape.carving import carve, spacing_of
-from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, guarded, reconstruct
+from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, _widened, guarded, reconstruct
 from poise.shape.segmentation import segment
 from poise.shape.solid import Solid
 
@@ -102,7 +102,7 @@ def test_what_was_completed_is_less_certain() -> None:
     points = samples.box(rng, (0.1, 0.06, 0.04), COUNT)
     seen = points[:, 2] > points[:, 2].min() + 1e-6
     sure, unsure = (reconstruct(points, WANTED, seen=mask).solid.volume_std for mask in (None, seen))
-    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(HIDDEN_OFF * 0.1 * 0.06, rel=0.1)
+    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(_widened(HIDDEN_OFF * 0.1 * 0.06, 0.1 * 0.06 * 0.04), rel=0.1)
 
 
 def test_each_completed_point_has_its_own_doubt() -> None:
@@ -111,7 +111,7 @@ def test_each_completed_point_has_its_own_doubt() -> None:
     seen = points[:, 2] > points[:, 2].min() + 1e-6
     doubt = np.where(seen, 0.0, np.where(points[:, 0] < np.median(points[:, 0]), 1e-3, 3e-3))
     sure, unsure = (reconstruct(points, WANTED, seen=seen, doubt=of).solid.volume_std for of in (0 * doubt, doubt))
-    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(2e-3 * 0.1 * 0.06, rel=0.1)
+    assert np.sqrt(unsure**2 - sure**2) == pytest.approx(_widened(2e-3 * 0.1 * 0.06, 0.1 * 0.06 * 0.04), rel=0.1)
 
 
 def test_a_layer_under_the_surface_is_no_noise() -> None:
@@ -165,3 +165,11 @@ def test_a_volume_that_may_as_well_be_nothing_is_noise(share: float, is_noise: b
     solid = Solid(corners, np.array([[0, 1, 2, 3]]), np.full((1, 4), -1), share * 1e-6 / 6)
     with pytest.raises(InputError, match="is uncertain by 200 %") if is_noise else nullcontext():
         solid.require_substance()
+
+
+def test_much_hidden_surface_counts_for_more_than_its_share() -> None:
+    assert _widened(0.0, 1.0) == 0
+    assert _widened(0.01, 1.0) == pytest.approx(0.0104)
+    assert _widened(0.2, 1.0) == pytest.approx(0.36)
+    assert _widened(0.4, 1.0) == 0.5  # a thing is not called noise for what it hides
+    assert _widened(0.7, 1.0) == 0.7
