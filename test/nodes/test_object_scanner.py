@@ -137,7 +137,7 @@ def test_compressed_and_unaligned_images_give_the_same_object(start_node, caller
     bag = compressed_sweep(tmp_path / "compressed.mcap")
     transports = {"image_transport": "compressed", "depth_image_transport": "compressedDepth"}
     start_node("object_scanner", {"patience": 20.0, **transports})
-    listened = [f"{DEPTH}/compressedDepth", "joint_states"]
+    listened = [f"{DEPTH}/compressedDepth", f"{COLOUR}/compressed", "joint_states"]
     start_node("fake_robot", REPLAY | {"bag": str(bag), "wait_for_subscribers": listened})
     done = caller.result(caller.send(id="hammer", max_frames=30))
     assert done.result.error.message == ""

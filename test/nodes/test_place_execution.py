@@ -204,7 +204,8 @@ def test_joints_that_do_not_follow_are_commanded_to_stay_where_they_are(start_no
 
 
 def test_a_robot_that_falls_silent_is_stopped(start_node, graph, caller):
-    robot, _ = start_both(start_node, graph, caller)
+    slow = PLANNER | {"speed": 0.15}  # a busy machine has to see it carry
+    robot, _ = start_both(start_node, graph, caller, slow)
     commands = graph.collect("joint_trajectory", JointTrajectory)
     handle = caller.send(**goal(deadline=60.0))
     wait_for_stage(graph, caller, "carrying", handle)

@@ -353,7 +353,8 @@ def _with_laws(problem: Problem, screen: _Screen, sums: _Sums, chosen: list[int]
             others = [each for each in _fitted(problem, sums, chosen) if each.effect is not effect]
             sums = screen.extended([effect], others, general=True)
     changed = _varied(sums, chosen)
-    return sums, chosen if changed == chosen else _grown(sums, changed)
+    # Values within a law are settled at the end, when all effects are there.
+    return sums, _grown(sums, changed) if any(_general(sums, k) for k in changed) else chosen
 
 
 def _general(sums: _Sums, family: int) -> bool:
