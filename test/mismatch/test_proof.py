@@ -1,5 +1,6 @@
 """No name without proof: physical bounds, blocks that no fit sees, and the error on held-out samples."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,7 +22,7 @@ from poise.mismatch.inference import (
     search,
     wrench_problem,
 )
-from poise.mismatch.inference.proof import elsewhere, faint, immaterial
+from poise.mismatch.inference.proof import allowed_excess, elsewhere, faint, immaterial
 from poise.mismatch.inference.unknown import dependences
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion
@@ -167,12 +168,27 @@ def test_a_gain_that_changes_as_the_sensor_warms_up_is_no_leak_of_the_payload() 
 
 def test_a_shape_that_follows_noise_is_not_named() -> None:
     """A spring with a mass has enough parameters to follow noise: its residual must exceed the noise without it."""
-    recorded, mode = make_case(5, duration=8.0).recorded(), effect_named("flexible_mode")
+    case, mode = make_case(5, duration=8.0), effect_named("flexible_mode")
     assert mode is not None
-    part = FittedEffect(mode, {p.name: max(p.low, 0.1) for p in mode.parameters(recorded)})
+    problem = wrench_problem(case.recorded(), case.model)
+    part = FittedEffect(mode, {p.name: max(p.low, 0.1) for p in mode.parameters(problem.recorded)})
     weak, strong = (EffectProof(6, 6, 1.1, 1.0, 90.0, 0.03, 0.0, 0.6, 90.0, excess, 0.0) for excess in (0.2, 0.9))
-    assert "within the noise" in immaterial(recorded, part, weak)
-    assert not immaterial(recorded, part, strong)
+    assert "within the noise" in immaterial(problem, part, weak)
+    assert not immaterial(problem, part, strong)
+
+
+def test_a_curve_that_follows_what_errors_of_the_motion_may_leave_is_no_unknown_physics() -> None:
+    """The proof of a free curve and the test of the final residual have one limit."""
+    case = make_case(5, duration=8.0)
+    exact = case.recorded()
+    curve = next(each for each in dependences(exact) if each.state.startswith("joint_acceleration"))
+    part = FittedEffect(curve, {p.name: 0.0 for p in curve.parameters(exact)})
+    rough = replace(exact, motion_variance=np.full((len(exact), 6), 1e-2) * [1, 1, 1, 0.0025, 0.0025, 0.0025])
+    proof = EffectProof(6, 6, 1.1, 1.0, 90.0, 0.1, 0.0, 0.6, 90.0, 0.9, 0.0)
+    known, unknown = (allowed_excess(wrench_problem(each, case.model)) for each in (exact, rough))
+    assert known < 1.1**2 - 1.0 < unknown
+    assert not immaterial(wrench_problem(exact, case.model), part, proof)
+    assert "within the noise" in immaterial(wrench_problem(rough, case.model), part, proof)
 
 
 class Tone(Pull):

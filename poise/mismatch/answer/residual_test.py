@@ -9,19 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import Problem, linear_bspline_basis
+from poise.mismatch.inference import MATERIAL_EXCESS, Problem, allowed_excess, linear_bspline_basis
 from poise.mismatch.recorded import block_means
 from poise.types import Array
 
-_MATERIAL = 0.05
-"""Excess energy of the residual, relative to the noise, from which it is structure."""
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
-_MOTION = 0.5
-"""Share of the variance by errors of the measured motion that may be missing in it: splines round corners of the
-acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration up to twice as large)."""
-_CHANCE = 2.0
-"""Standard errors of the energy of noise that its excess may have."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +38,7 @@ class ResidualTest:
     @property
     def only_louder(self) -> bool:
         """Only fast noise that grows with the speed; it is within the size of noise and does not question the names."""
-        return self.louder and self.excess <= _MATERIAL
+        return self.louder and self.excess <= MATERIAL_EXCESS
 
 
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
@@ -57,10 +50,7 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     free = max(float(problem.free[rows].sum()), 1.0)
     excess = float(np.sum(np.clip(scaled, -5.0, 5.0) ** 2)) / free - 1.0
     loud = _louder_when_fast(problem, residual)
-    chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.band.sum())))
-    allowed = _MATERIAL + chance + float(np.mean((rounding / problem.noise.sigma) ** 2))
-    if problem.noise.motion is not None:
-        allowed += _MOTION * float(np.mean((problem.noise.motion / problem.noise.total**2)[rows]))
+    allowed = allowed_excess(problem) + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     return ResidualTest(

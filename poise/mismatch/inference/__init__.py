@@ -13,7 +13,7 @@ from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_er
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
-from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
+from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
 from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, improved, replacements
 from poise.mismatch.inference.search import search
 from poise.mismatch.inference.time_limit import TimeLimit
@@ -29,6 +29,7 @@ from poise.mismatch.inference.variations import Variation, variations
 __all__ = [
     "EQUAL_EVIDENCE",
     "LOOKALIKE",
+    "MATERIAL_EXCESS",
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",
@@ -44,6 +45,7 @@ __all__ = [
     "TimeLimit",
     "Variation",
     "alike",
+    "allowed_excess",
     "dependence_curve",
     "effort_problem",
     "effort_sizes",

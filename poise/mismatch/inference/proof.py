@@ -18,7 +18,6 @@ from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence
-from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _BLOCKS = 6
@@ -33,9 +32,13 @@ _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
 _LEAST_OF_BASE = 0.1
 """Least fall of the squared error by a curve over the base's acceleration: splines through odometry round corners."""
-_EXCESS = 0.05
-"""Energy above that of the noise, as its share, from which a residual may be called unknown physics; the test of the
-final residual has the same limit."""
+MATERIAL_EXCESS = 0.05
+"""Energy above that of the noise, as its share, from which a residual is structure."""
+_MOTION = 0.5
+"""Share of the variance by errors of the measured motion that may be missing in it: splines round corners of the
+acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration up to twice as large)."""
+_ERRORS = 2.0
+"""Standard errors of the energy of noise that its excess may have."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 """Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
 channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording. Where
@@ -97,7 +100,7 @@ class EffectProof:
     @property
     def within_noise(self) -> bool:
         """Whether the residual without the effect is no larger than the noise, where the effect acts."""
-        return self.excess <= _EXCESS
+        return self.excess <= MATERIAL_EXCESS
 
     @property
     def lacking(self) -> str:
@@ -159,7 +162,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         strongest = max((proof.support for proof in proofs), default=0.0)
         lacking = [
             implausible(problem.recorded, [part])
-            or immaterial(problem.recorded, part, proof)
+            or immaterial(problem, part, proof)
             or proof.lacking
             or faint(part.effect, proof, strongest)
             or cancelled
@@ -175,9 +178,19 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         best = without[weakest]
 
 
-def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
+def allowed_excess(problem: Problem) -> float:
+    """Energy above that of the noise, as its share, up to which the residual of a signal is no structure."""
+    noise, rows = problem.noise, problem.active
+    found = MATERIAL_EXCESS + _ERRORS * float(np.sqrt(2.0 / (np.count_nonzero(rows) * float(noise.band.sum()))))
+    if noise.motion is not None:
+        found += _MOTION * float(np.mean((noise.motion / noise.total**2)[rows]))
+    return found
+
+
+def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
-    if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
+    recorded = problem.recorded
+    if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + allowed_excess(problem):
         return "the residual is within the noise without it"
     if (
         isinstance(part.effect, Dependence)
