@@ -21,6 +21,7 @@ from poise.force_torque.sensors.robotiq.link import RobotiqModbusLink, RobotiqSt
 from poise.force_torque.sequence import SequenceCounter
 from poise.force_torque.wire import Calibration, Link, SensorSamples, WrenchSource
 from poise.recording import open_recording
+from poise.serial_bus.modbus import ModbusLine
 
 BAG = Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap"
 
@@ -301,6 +302,24 @@ def test_a_slave_that_does_not_answer_is_unreachable() -> None:
             link.start()
         link.close()
     assert caught.value.code == ErrorCode.SENSOR_UNREACHABLE
+
+
+def test_a_slave_may_miss_the_first_question(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer, asked = ModbusLine.read_holding, []
+
+    def late(line: ModbusLine, address: int, count: int) -> list[int]:
+        asked.append(address)
+        if len(asked) == 1:
+            raise SensorError(ErrorCode.SENSOR_UNREACHABLE, "no answer yet")
+        return answer(line, address, count)
+
+    monkeypatch.setattr(ModbusLine, "read_holding", late)
+    with FakeRobotiqSensor(WrenchSource(WRENCH)) as sensor:
+        link = RobotiqModbusLink(sensor.port, ROBOTIQ)
+        link.start()
+        assert link.identity is not None
+        assert asked[0] == asked[1]
+        link.close()
 
 
 @pytest.mark.parametrize("make", [RobotiqStreamLink, RobotiqModbusLink])

@@ -100,10 +100,17 @@ class RobotiqModbusLink(_RobotiqLink):
         self._line.open(robotiq.STOP_STREAM)  # it may have been left streaming
         self._next_poll = time.monotonic()
         self._identity = robotiq.RobotiqIdentity.from_registers(
-            self._line.read_holding(robotiq.FIRMWARE_REGISTER, 3),
+            self._firmware(),
             self._line.read_holding(robotiq.SERIAL_NUMBER_REGISTER, 4),
             self._line.read_holding(robotiq.YEAR_REGISTER, 1)[0],
         )
+
+    def _firmware(self) -> list[int]:
+        """The first answer; a sensor that has been streaming, or was just plugged in, may miss one question."""
+        try:
+            return self._line.read_holding(robotiq.FIRMWARE_REGISTER, 3)
+        except SensorError:
+            return self._line.read_holding(robotiq.FIRMWARE_REGISTER, 3)
 
     def read(self, timeout: float) -> SensorSamples:
         if not self._line.is_open:  # also before the next question is due
