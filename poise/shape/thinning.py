@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from poise.geometry import unique_rows
 from poise.types import Array, Indices
 
 _ROUNDS = 12
@@ -13,8 +14,7 @@ def thin(points: Array, wanted: int) -> Indices:
     Returns:
         (M,) increasing.
     """
-    order = np.lexsort(points.T)
-    first = np.sort(order[np.append(True, np.any(np.diff(points[order], axis=0) != 0, axis=1))])
+    first = np.sort(unique_rows(points)[0])
     if len(first) <= wanted:
         return first
     off = points[first] - points.min(axis=0)
