@@ -230,7 +230,8 @@ class ObjectPicker(ArmNode):
         if task.item is not None and task.pick is not None:
             lifted = None if task.running is None else task.running.mass
             mass, std = (math.nan, math.nan) if lifted is None else (lifted.mass, lifted.std)
-            self._hand.grasped(task.item, pose_of(task.pick.grasp.object_tcp.inverse()), mass, std)
+            in_hand, grip = pose_of(task.pick.grasp.object_tcp.inverse()), task.running.grip if task.running else None
+            self._hand.grasped(task.item, in_hand, grip, mass, std)
 
     def _released(self, task: PickTask) -> None:
         """Publish where the object was put down."""

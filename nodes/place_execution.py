@@ -17,6 +17,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.manipulation import (
     Arm,
+    Grip,
     Gripper,
     Hand,
     HeldReach,
@@ -84,8 +85,8 @@ PLACE_EXECUTION_PARAMETERS = (
     Parameter(
         "fingers_show_grasp",
         False,
-        "execute: what is held keeps the fingers open by gripper_squeeze, and is gone when they are closed; not so with"
-        " soft objects",
+        "execute: what kept the fingers open when they gripped it is gone when they have closed; not so with soft"
+        " objects",
     ),
     Parameter("gripper_seconds", Gripper.seconds, "execute: time that the fingers need, s", (0.05, 60.0)),
 )
@@ -120,7 +121,14 @@ class Carrying:
         self._steps: tuple[TransferStep, ...] = ()
         self._grasp: Pose | None = None
         self.pose_tool_object = Pose.identity()
+        self._grip: Grip | None = None  # how the fingers hold what is in the hand
         self.playing: TransferExecution | None = None
+
+    def held_by(self, grip: Grip | None) -> None:
+        """How the fingers hold what is in the hand; None: not known."""
+        self._grip = grip if self._values["fingers_show_grasp"] else None
+        if grip is None and self._values["fingers_show_grasp"]:
+            self.assumptions.append("how the fingers hold the object is not known: a drop on the way is not noticed")
 
     @property
     def tolerances(self) -> Tolerances:
@@ -158,7 +166,8 @@ class Carrying:
             require_room(analysis, item)
             reach = Reach(self.arm, analysis, item, start=self.start, seed=seed)
         else:
-            grasp = grasp_of_held(item, pose_tool_object, self.arm)
+            opening = np.nan if self._grip is None else sum(self._grip)
+            grasp = grasp_of_held(item, pose_tool_object, self.arm, opening)
             reach = HeldReach(self.arm, analysis, item, grasp, self.start, seed)
             item = reach.item
         reach.require_free_start()
@@ -192,8 +201,7 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        holds = self._values["fingers_show_grasp"] and self._transfer.phases[0].holding
-        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now, holds)
+        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now, self._grip)
 
     @property
     def tool_pose(self) -> Pose:

@@ -182,6 +182,8 @@ class PlacementPlannerNode(ArmNode):
             carrying = self._execution.open(goal, self.watchdog, frame)
         elif with_arm:
             carrying = self._execution.to_plan(frame)
+        if in_hand is not None and carrying is not None:
+            carrying.held_by(self._hand.grip(request.object.id))
         due = time.monotonic() + seconds - (node_seconds() - accepted)  # the time limit of a computation
         task = PlacementTask(goal, message, due, carrying)
         task.object_frame, task.pose_tool_object = joined, in_hand
@@ -228,7 +230,7 @@ class PlacementPlannerNode(ArmNode):
         if task.carrying is not None and task.item is not None and task.hand_changed(playing):
             in_hand = task.carrying.pose_tool_object
             if playing.grip:
-                self._hand.grasped(task.item, in_hand)
+                self._hand.grasped(task.item, in_hand, playing.held)
             else:
                 there = task.carrying.tool_pose @ in_hand
                 self._hand.released(task.item.id, there, task.assembly.header.frame_id)

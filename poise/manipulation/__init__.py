@@ -16,7 +16,7 @@ from poise.manipulation.base_motion import BaseDrive, BaseLimits, plan_base_moti
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
-from poise.manipulation.gripper import Gripper
+from poise.manipulation.gripper import Grip, Gripper
 from poise.manipulation.hand import Grasp, Hand
 from poise.manipulation.held import HeldReach, grasp_of_held
 from poise.manipulation.lifting import LiftedMass, lifted_mass
@@ -36,6 +36,7 @@ __all__ = [
     "Ends",
     "ForceWatch",
     "Grasp",
+    "Grip",
     "Gripper",
     "Hand",
     "HeldReach",

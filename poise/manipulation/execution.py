@@ -23,7 +23,7 @@ from poise.excitation.execution import (
     Watchdog,
 )
 from poise.manipulation.carrying import Transfer, TransferPhase
-from poise.manipulation.gripper import FingerWatch, Gripper
+from poise.manipulation.gripper import FingerWatch, Grip, Gripper
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
@@ -31,9 +31,6 @@ _STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "retur
 """Of the phases of a transfer; those before are picking."""
 _STOP_TIME = 0.4
 """s in which the arm stops; longer when what it holds would slip."""
-
-_OPEN, _THROUGH = 0.5, 0.2
-"""Shares of the squeeze by which the fingers are kept open by what they hold at least, and by nothing at most."""
 
 
 class TransferStep(NamedTuple):
@@ -170,10 +167,10 @@ class TransferExecution:
         robot: takes the commands and the joint states.
         tolerances: how well it has to follow.
         now: s of a clock that never goes back, the one of all calls.
-        holds: the hand holds the object at the beginning, and the fingers must show it.
+        held: how the fingers have closed on the object before, when it is in the hand; None: not known.
 
-    Fingers that close through what they hold while the arm moves stop the arm: NOT_HELD. Nothing is
-    checked where they closed as far as they were commanded, as on foam.
+    Fingers that close through what they hold while the arm moves stop the arm: NOT_HELD. Nothing is checked where
+    it is not known how they hold it, or where they closed about as far as they were commanded, as on foam.
     """
 
     def __init__(
@@ -183,7 +180,7 @@ class TransferExecution:
         robot: RobotPort,
         tolerances: Tolerances,
         now: float,
-        holds: bool = False,
+        held: Grip | None = None,
     ) -> None:
         self._name, self._robot, self._tolerances = name, robot, tolerances
         self._left = [_ready(step) for step in steps]
@@ -193,7 +190,7 @@ class TransferExecution:
         self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
-        self._kept_open = holds  # what is held keeps the fingers from their commanded position
+        self.held = held
         self.stage, self.done = steps[0].stage, False
         self.grip: bool | None = None  # whether the fingers have closed, or opened, last; None: not moved
         self.dropped = False
@@ -239,11 +236,10 @@ class TransferExecution:
             )
 
     def _require_held(self, step: TransferStep) -> None:
-        if step.motion is None or not step.holding:
+        if step.motion is None or not step.holding or self.held is None:
             return
-        share = self._robot.fingers.kept_open(self._target(step))
-        self._kept_open = self._kept_open or share > _OPEN
-        if self._kept_open and share < _THROUGH:
+        fingers = self._robot.fingers
+        if fingers.shows(self.held) and fingers.closed_through(self.held):
             self.dropped = True
             raise NoAnswerError(ErrorCode.NOT_HELD, f"the fingers closed: {self._name} is no longer between them")
 
@@ -251,6 +247,7 @@ class TransferExecution:
         self._robot.commanded.ended()
         if self._step is not None and self._step.motion is None:
             self.grip = self._step.holding
+            self.held = self._robot.fingers.grip(self._target(self._step)) if self.grip else None
         if not self._left:
             self.done = True
             return
@@ -299,10 +296,11 @@ class TransferExecution:
         if fingers.stopped(now) and (there or grasped):
             return True
         if waited > gripper.seconds + self._tolerances.slack:
+            blocked = "" if step.holding else "is something between the fingers, "
             raise NoAnswerError(
                 ErrorCode.NOT_FOLLOWING,
-                f"{gripper.joint} is at {fingers.position:.3f} and was commanded to {self._target(step):.3f}: is the"
-                " gripper's controller active, and does it listen to gripper_trajectory",
+                f"{gripper.joint} is at {fingers.position:.3f} and was commanded to {self._target(step):.3f}: {blocked}"
+                "is the gripper's controller active, and does it listen to gripper_trajectory",
             )
         return False
 

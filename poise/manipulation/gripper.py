@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,20 @@ _STILL = 0.01
 """Of the whole way: within it a resting joint stays,"""
 _REST = 0.2
 """s for which it has to, to count as resting."""
+_KEPT, _THROUGH = 0.5, 0.4
+"""Share of the squeeze by which an object keeps the fingers open at least; share of that which remains without it."""
+
+
+class Grip(NamedTuple):
+    """How fingers hold something.
+
+    Args:
+        commanded: m, opening that they were commanded to.
+        kept_open: m by which what they hold keeps them wider; NaN: not known.
+    """
+
+    commanded: float
+    kept_open: float
 
 
 @dataclass(frozen=True)
@@ -39,6 +54,10 @@ class Gripper:
         """rad or m, of the joint for an opening, m."""
         wanted = opening - self.squeeze if gripping else opening
         return self.closed + (self.opened - self.closed) * float(np.clip(wanted / self.stroke, 0.0, 1.0))
+
+    def opening(self, position: float) -> float:
+        """m between the fingers, of a position of the joint; as `position` without a squeeze."""
+        return (self.closed - position) / (self.closed - self.opened) * self.stroke
 
     @property
     def travel(self) -> float:
@@ -77,15 +96,21 @@ class FingerWatch:
         """They are at the commanded position."""
         return self.position is not None and abs(self.position - target) <= _NEAR * self._gripper.travel
 
-    def kept_open(self, target: float) -> float:
-        """Share of the squeeze by which what they hold keeps them from the position that grips it, rad or m.
+    def grip(self, target: float) -> Grip:
+        """How they hold what stops them on their way to a position of the joint, rad or m."""
+        commanded = self._gripper.opening(target)
+        return Grip(commanded, np.nan if self.position is None else self._gripper.opening(self.position) - commanded)
 
-        Infinite when the position is not known, or the squeeze is too small to measure.
+    def shows(self, grip: Grip) -> bool:
+        """Whether their position shows that what kept them open is gone, when it is.
+
+        Not where it has kept them open by less than half of the squeeze, or by less than is measured well.
         """
-        squeeze = self._gripper.squeeze / self._gripper.stroke * self._gripper.travel
-        if self.position is None or squeeze < 2 * _STILL * self._gripper.travel:
-            return np.inf
-        return abs(self.position - target) / squeeze
+        return grip.kept_open > max(_KEPT * self._gripper.squeeze, 2 * _STILL * self._gripper.stroke)
+
+    def closed_through(self, grip: Grip) -> bool:
+        """They have closed to where they were commanded to, by most of what an object had kept them open."""
+        return self.grip(self._gripper.position(grip.commanded, False)).kept_open < _THROUGH * grip.kept_open
 
     def moved(self, before: float | None) -> bool:
         """They are not where they were before."""

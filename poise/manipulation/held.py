@@ -19,13 +19,14 @@ _LEAST_HOLD = 0.0
 """m/s2 besides gravity: it is in the hand, and the hand bears it."""
 
 
-def grasp_of_held(item: RigidObject, pose_tool_object: Pose, arm: Arm) -> Grasp:
+def grasp_of_held(item: RigidObject, pose_tool_object: Pose, arm: Arm, opening: float = np.nan) -> Grasp:
     """How an object is held.
 
     Args:
         item: its shape counts.
         pose_tool_object: of the object frame in the tool frame.
         arm: whose hand it is; it closes along y of the tool frame.
+        opening: m between the fingers that hold it; NaN: not known, and the whole object counts as between them.
 
     Raises:
         NoAnswerError: NOT_HELD when no part of the object is between the fingers.
@@ -38,7 +39,7 @@ def grasp_of_held(item: RigidObject, pose_tool_object: Pose, arm: Arm) -> Grasp:
             ErrorCode.NOT_HELD,
             f"{item.id} is not between the fingers, where the world has it: scan it, and pick it again",
         )
-    width = float(np.clip(high[1] - low[1], 0.0, arm.hand.widest))
+    width = float(np.clip(opening if np.isfinite(opening) else high[1] - low[1], 0.0, arm.hand.widest))
     return Grasp(se3_of(pose_tool_object).inverse(), width)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep
+from poise.manipulation.gripper import Grip
 from poise.manipulation.lifting import LiftedMass, lifted_mass
 from poise.manipulation.picking import Pick, PickSteps
 from poise.types import Array
@@ -108,6 +109,7 @@ class PickExecution:
         self._playing: TransferExecution | None = None
         self._fault: PoiseError | None = None
         self.mass: LiftedMass | None = None
+        self.grip: Grip | None = None
         self.holding = self.done = self.retry = False
         self.error: PoiseError | None = None
         self._begin("reach", steps.reach, now)
@@ -146,17 +148,17 @@ class PickExecution:
     def _begin(self, doing: str, steps: tuple[TransferStep, ...], now: float) -> None:
         self._doing = doing
         if any(step.motion is not None for step in steps):
-            self._playing = TransferExecution(self._item.id, steps, self._robot, self._tolerances, now)
+            self._playing = TransferExecution(self._item.id, steps, self._robot, self._tolerances, now, self.grip)
         else:
             self._arrived(now)
 
     def _play(self, playing: TransferExecution, now: float) -> None:
         playing.tick(now)
         if playing.grip and not self.holding:
-            self.holding = True
+            self.holding, self.grip = True, playing.held
             self._grasped()
         if self.holding and playing.grip is False:
-            self.holding = False
+            self.holding, self.grip = False, None
             self._released()
         if not playing.done:
             return

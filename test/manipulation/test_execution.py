@@ -307,7 +307,7 @@ def test_what_drops_from_the_hand_stops_the_arm(moment):
         for _ in range(20):
             fake.run()
         on = [TransferStep("lower", motion(BEYOND, HOME), 0.04, True)]
-        playing = TransferExecution("can", on, fake.robot, Tolerances(), fake.now, holds=True)
+        playing = TransferExecution("can", on, fake.robot, Tolerances(), fake.now, playing.held)
     fake.blocked_at = np.inf
     moved = len(fake.moves)
     fake.until(playing)
@@ -317,6 +317,32 @@ def test_what_drops_from_the_hand_stops_the_arm(moment):
     for _ in range(100):
         fake.run()
     assert fake.robot.joints.at_rest()
+
+
+@pytest.mark.parametrize("believed", [0.025, 0.045, 0.05, 0.08])
+def test_what_is_held_is_not_lost_because_it_is_not_as_wide_as_believed(believed):
+    """A scanned shape, or an L that is wider beside the fingers: where they gripped it counts."""
+    fake = FakeRobot()
+    fake.blocked_at = GRIPPED - 0.05
+    playing = fake.play(STEPS[:4])
+    fake.until(playing)
+    on = [TransferStep("lower", motion(BEYOND, HOME), believed, True)]
+    for held in (playing.held, None):
+        fake.position, fake._plan = BEYOND.copy(), (0, motion(BEYOND, BEYOND))
+        for _ in range(60):
+            fake.run()
+        playing = TransferExecution("can", on, fake.robot, Tolerances(), fake.now, held)
+        fake.until(playing)
+        assert (playing.error, playing.dropped) == (None, False)
+
+
+def test_fingers_that_do_not_close_before_the_arm_moves_may_hold_something():
+    fake = FakeRobot()
+    fake.blocked_at = GRIPPED
+    playing = fake.play([TransferStep("reach", None, 0.0, False), *STEPS[:2]])
+    fake.until(playing)
+    assert (playing.error.code, len(fake.moves)) == (ErrorCode.NOT_FOLLOWING, 0)
+    assert "is something between the fingers" in playing.error.message
 
 
 def test_a_clock_that_is_set_back_ends_it():
