@@ -1,6 +1,7 @@
 """Bounds that prove that a motion keeps its limits at every instant, also between samples."""
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +95,8 @@ def certify(model: RobotModel, motion: WaypointTrajectory, guard: Guard) -> Cert
 
 def joint_peaks(motion: WaypointTrajectory) -> tuple[Array, Array]:
     """(J,) twice: bounds of the speed (rad/s or m/s) and acceleration of each joint at every instant of a motion."""
-    rate, change = (np.maximum(np.abs(least), np.abs(greatest)) for least, greatest in _polynomial_bounds(motion)[1:3])
+    bounds = _polynomial_bounds(motion, (1, 2))
+    rate, change = (np.maximum(np.abs(least), np.abs(greatest)) for least, greatest in bounds)
     return np.asarray(rate), np.asarray(change)
 
 
@@ -139,29 +141,34 @@ def _largest(vector: Array, slope: Array, half: float) -> Array:
     return np.asarray(np.maximum(np.linalg.norm(vector + step, axis=1), np.linalg.norm(vector - step, axis=1)))
 
 
-def _polynomial_bounds(motion: WaypointTrajectory) -> list[tuple[Array, Array]]:
-    """(J,) least and greatest of position, velocity, acceleration and jerk of the joints."""
+def _polynomial_bounds(motion: WaypointTrajectory, orders: Sequence[int] = (0, 1, 2, 3)) -> list[tuple[Array, Array]]:
+    """(J,) least and greatest of derivatives of the joints: position (0), velocity, acceleration, jerk (3)."""
     if len(motion.times) == 1:
         still = np.zeros(motion.position.shape[1])
-        return [(motion.position[0], motion.position[0]), *[(still, still)] * 3]
+        return [(motion.position[0], motion.position[0]) if order == 0 else (still, still) for order in orders]
     powers = motion.polynomials
     span = np.diff(motion.times)[:, None]
     powers = powers * span ** np.arange(6)[:, None, None]  # in u = 0..1 of each stretch
     out = []
-    for order in range(4):
-        least, greatest = np.full(powers.shape[2], np.inf), np.full(powers.shape[2], -np.inf)
-        for piece in range(_SPLITS):
-            points = np.einsum("bk,ksj->bsj", _bernstein(len(powers) - 1, piece / _SPLITS, 1 / _SPLITS), powers)
-            points = points / span**order
-            least = np.minimum(least, points.min(axis=(0, 1)))
-            greatest = np.maximum(greatest, points.max(axis=(0, 1)))
-        out.append((least, greatest))
-        powers = powers[1:] * np.arange(1, len(powers))[:, None, None]
+    for order in orders:
+        points = (_bernstein(order) @ powers.reshape(6, -1)).reshape(-1, *powers.shape[1:])
+        least, greatest = points.min(axis=0), points.max(axis=0)
+        out.append(((least / span**order).min(axis=0), (greatest / span**order).max(axis=0)))
     return out
 
 
 @functools.cache
-def _bernstein(degree: int, begin: float, width: float) -> Array:
+def _bernstein(order: int) -> Array:
+    """(P, 6) from a quintic's power coefficients on [0, 1] to the Bernstein coefficients of a derivative in pieces."""
+    differentiated = np.eye(6)
+    for _ in range(order):
+        differentiated = differentiated[1:] * np.arange(1, len(differentiated))[:, None]
+    degree = len(differentiated) - 1
+    pieces = [_bernstein_piece(degree, piece / _SPLITS, 1 / _SPLITS) for piece in range(_SPLITS)]
+    return np.asarray(np.vstack(pieces) @ differentiated)
+
+
+def _bernstein_piece(degree: int, begin: float, width: float) -> Array:
     """(d + 1, d + 1) from power coefficients on [0, 1] to Bernstein coefficients on [begin, begin + width]."""
     k = np.arange(degree + 1)
     shift = np.array([[comb(j, i) * begin ** (j - i) * width**i if j >= i else 0.0 for j in k] for i in k])

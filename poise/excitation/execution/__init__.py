@@ -16,7 +16,7 @@ from poise.excitation.execution.session import (
     Session,
     SessionPhase,
 )
-from poise.excitation.execution.stops import Judge, ReadyStops, Stop, brake, joint_judge, stop_along
+from poise.excitation.execution.stops import Judge, ReadyStops, Stop, brake, joint_judge
 
 __all__ = [
     "DEFAULT_EXECUTION",
@@ -39,5 +39,4 @@ __all__ = [
     "Watchdog",
     "brake",
     "joint_judge",
-    "stop_along",
 ]

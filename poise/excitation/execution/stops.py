@@ -78,18 +78,14 @@ class ReadyStops:
         times: Sequence[float] = _STOP_TIMES,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> "ReadyStops":
-        """Choose a stop every `STOP_SPACING` s of a motion, as `shortest_stop`.
+        """Choose a stop every `STOP_SPACING` s of a motion, as `shortest_stops`.
 
         Raises:
             PoiseError: CANCELLED.
         """
         count = max(int(np.ceil(motion.duration / STOP_SPACING)), 1)
-        stops = []
-        for begin in np.linspace(0.0, motion.duration, count + 1).tolist():
-            if cancelled():
-                raise PoiseError(ErrorCode.CANCELLED, "cancelled while the stops were certified")
-            stops.append(shortest_stop(motion, begin, judge, times))
-        return cls(motion, tuple(stops))
+        begins = np.linspace(0.0, motion.duration, count + 1).tolist()
+        return cls(motion, tuple(shortest_stops(motion, begins, judge, times, cancelled)))
 
     @property
     def motion(self) -> WaypointTrajectory:
@@ -105,31 +101,41 @@ class ReadyStops:
 
 
 def brake(model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard, limits: MotionLimits) -> Stop:
-    """`shortest_stop` from `at` s of a motion with guarded points on."""
-    return shortest_stop(motion, at, _guarded(model, guard, limits))
+    """The shortest stop from `at` s of a motion with guarded points on."""
+    return shortest_stops(motion, [at], _guarded(model, guard, limits))[0]
 
 
-def shortest_stop(motion: WaypointTrajectory, at: float, judge: Judge, times: Sequence[float] = _STOP_TIMES) -> Stop:
-    """The shortest stop from `at` s of a motion on, along its path, that keeps the limits; at rest already: staying.
+def shortest_stops(
+    motion: WaypointTrajectory,
+    begins: Sequence[float],
+    judge: Judge,
+    times: Sequence[float] = _STOP_TIMES,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> list[Stop]:
+    """The shortest stops of a motion, along its path, that keep the limits; at rest already: staying.
 
     If none keeps them, the fastest is returned, and its `excess` names what it exceeds.
 
     Args:
         motion: what is stopped.
-        at: s of it.
+        begins: s of it.
         judge: of the limits.
         times: s that a stop may take, ascending.
+        cancelled: whether to give up.
+
+    Raises:
+        PoiseError: CANCELLED.
     """
-    fastest: Stop | None = None
+    found: dict[float, Stop] = {}
     for stop_time in times:
-        stop = stop_along(motion, at, stop_time)
-        found = Stop(at, stop, judge(stop, at))
-        if not found.excess:
-            return found
-        fastest = fastest or found
-    if fastest is None:
-        raise PoiseError(ErrorCode.INTERNAL, "a stop needs a time")
-    return fastest
+        left = [at for at in begins if at not in found or found[at].excess]
+        for at, stop in zip(left, stops_along(motion, left, stop_time), strict=True):
+            if cancelled():
+                raise PoiseError(ErrorCode.CANCELLED, "cancelled while the stops were certified")
+            judged = Stop(at, stop, judge(stop, at))
+            if at not in found or not judged.excess:
+                found[at] = judged
+    return [found[at] for at in begins]
 
 
 def _guarded(model: RobotModel, guard: Guard, limits: MotionLimits) -> Judge:
@@ -170,19 +176,27 @@ def joint_judge(names: Sequence[str], velocity_limit: Array, acceleration: float
     return judge
 
 
-def stop_along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointTrajectory:
-    """A stop from `at` s of a motion on, along its path, within a time; at rest already: staying.
+def stops_along(motion: WaypointTrajectory, begins: Sequence[float], stop_time: float) -> list[WaypointTrajectory]:
+    """Stops from `begins`, s of a motion, on, along its path, within a time; at rest already: staying.
 
-    Time runs on from `at` at a rate that falls from one to zero as 1 - 3 u^2 + 2 u^3, u = t / stop_time.
+    Time runs on from each begin at a rate that falls from one to zero as 1 - 3 u^2 + 2 u^3, u = t / stop_time.
     """
-    if at <= 0.0 or at >= motion.duration:
-        there = motion.at(np.clip([at], 0.0, motion.duration)).position
-        return WaypointTrajectory(np.array([0.0, stop_time]), np.repeat(there, 2, axis=0))
     count = max(int(np.ceil(stop_time / _WAYPOINT_SPACING)), 4)
     u: Array = np.linspace(0.0, 1.0, count + 1)
-    place = at + stop_time * (u - u**3 + u**4 / 2)
+    place = np.asarray(begins)[:, None] + stop_time * (u - u**3 + u**4 / 2)
     rate, change = (1 - 3 * u**2 + 2 * u**3)[:, None], ((-6 * u + 6 * u**2) / stop_time)[:, None]
-    path = motion.at(place)
-    beyond = (place > motion.duration)[:, None]  # at rest there
-    velocity, acceleration = (np.where(beyond, 0.0, value) for value in (path.velocity, path.acceleration))
-    return WaypointTrajectory(u * stop_time, path.position, velocity * rate, acceleration * rate**2 + velocity * change)
+    position, velocity, acceleration = (
+        value.reshape(*place.shape, value.shape[1]) for value in motion.at(place.ravel())
+    )
+    beyond = place > motion.duration
+    velocity[beyond] = acceleration[beyond] = 0.0  # at rest there
+    rows = zip(begins, position, velocity * rate, acceleration * rate**2 + velocity * change, strict=True)
+    return [
+        WaypointTrajectory(u * stop_time, *row) if 0.0 < at < motion.duration else _staying(motion, at, stop_time)
+        for at, *row in rows
+    ]
+
+
+def _staying(motion: WaypointTrajectory, at: float, seconds: float) -> WaypointTrajectory:
+    there = motion.at(np.clip([at], 0.0, motion.duration)).position
+    return WaypointTrajectory(np.array([0.0, seconds]), np.repeat(there, 2, axis=0))
