@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import coarsely
+from poise.mismatch.effects.part_wrench import coarsely, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
@@ -58,16 +58,17 @@ class Cable(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Cords, with their hook at the sensor, that explain the residual forces: the best for anchors near and far."""
+        """Cords that explain the residual forces: the best for anchors near and far; the torques give their hook."""
         few, left = coarsely(recorded, residual, _APART)
+        hook = dict(zip(_HOOK, likely_place(left[:, :3], left[:, 3:]).tolist(), strict=True))
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
-            place, turn = self._hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
+            place, turn = self._hook(few, hook | {"on_base": on_base})
             force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
             for anchor, rest in _likely_cords(place, force, few.seconds):
                 yield {
                     "on_base": on_base,
                     **dict(zip(_ANCHOR, anchor.tolist(), strict=True)),
-                    **dict.fromkeys(_HOOK, 0.0),
+                    **hook,
                     "rest_length": rest,
                 }
 

@@ -134,19 +134,22 @@ def test_the_search_for_a_soft_grasp_is_not_misled_by_errors_of_calibration():
     assert 45.0 < start["stiffness"] < 180.0
 
 
-@pytest.mark.parametrize("slack", [0.2, 0.6])
-def test_the_search_for_a_cable_begins_near_its_anchor(slack):
+@pytest.mark.parametrize(("slack", "out"), [(0.2, 0.0), (0.6, 0.0), (0.3, 0.15)])
+def test_the_search_for_a_cable_begins_near_its_anchor_and_its_hook(slack, out):
     """Stiffness and length of a cord are ambiguous where the tool moves little: the lines of its forces hardly meet."""
     at = recorded(jitter=0.0)
-    anchor = at.position_in_world.mean(axis=0) + np.array([0.7, -0.6, 0.4])
-    length = np.linalg.norm(anchor - at.position_in_world, axis=1)
+    hook = at.position_in_world + at.to_world(np.broadcast_to([0.03, 0.0, out], (len(at), 3)))
+    anchor = hook.mean(axis=0) + np.array([0.7, -0.6, 0.4])
+    length = np.linalg.norm(anchor - hook, axis=1)
     rest = float(np.quantile(length, slack))
     given = dict(zip(("anchor_x", "anchor_y", "anchor_z"), anchor.tolist(), strict=True))
-    pulled = response("cable", at, **given, on_base=0.0, stiffness=14.0, damping=0.0, rest_length=rest, x=0, y=0, z=0)
+    given |= {"x": 0.03, "y": 0.0, "z": out}
+    pulled = response("cable", at, **given, on_base=0.0, stiffness=14.0, damping=0.0, rest_length=rest)
     noise = np.random.default_rng(3).normal(size=pulled.shape) * np.repeat([0.05, 0.002], 3)
     start = next(iter(effect_named("cable").starts(at, pulled + noise)))
-    assert [start[name] for name in given] == pytest.approx(anchor, abs=0.1)
+    assert [start[name] for name in ("anchor_x", "anchor_y", "anchor_z")] == pytest.approx(anchor, abs=0.1)
     assert start["rest_length"] == pytest.approx(rest, abs=0.1)
+    assert [start[name] for name in ("x", "y", "z")] == pytest.approx([0.03, 0.0, out], abs=0.01)
 
 
 def test_a_cable_pulls_as_its_geometry_says_and_not_at_all_while_it_is_slack():
