@@ -16,6 +16,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import BAND, Surface
 from poise.scanning.looking import each, lookup
 from poise.scanning.support import CELL, Footprint
+from poise.scanning.underside import underside
 from poise.types import Array, Mask
 
 _VIEWS = 64
@@ -95,15 +96,19 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
     solid = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
     solid = _carved(solid, views, axes, plane.offset, low, cell)
+    seen = placed, surface.normals @ axes.T
+    air = underside(solid, seen, footprint.floor, low, cell)
+    solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
     points, normals = _faces(solid, low, cell)
     points[points[:, 2] < 0.5 * cell, 2] = 0.0
-    seen = placed, surface.normals @ axes.T
+    hanging = _on_underside(points, normals, air, low, cell)
     hidden = ~_seen_already(points, normals, *seen, cell)
     sides = normals[:, 2] > _UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
     area = float(np.sum(hidden)) * cell**2
     off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
+    off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
     doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
@@ -155,6 +160,15 @@ def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
         points.append(low + cell * (index + 0.5 + 0.5 * side))
         normals.append(np.tile(side, (len(index), 1)))
     return np.concatenate(points), np.concatenate(normals).astype(np.float64)
+
+
+def _on_underside(points: Array, normals: Array, air: Array, low: Array, cell: float) -> Mask:
+    """Which faces (F, 3) are of an underside over air (X, Y) m; they are moved to its height."""
+    index = np.floor((points[:, :2] - low[:2]) / cell).astype(int).clip(0, np.array(air.shape) - 1)
+    height = air[index[:, 0], index[:, 1]]
+    hanging = (normals[:, 2] < _UNDERSIDE) & (height > 0) & (np.abs(points[:, 2] - height) <= cell)
+    points[hanging, 2] = height[hanging]
+    return np.asarray(hanging)
 
 
 def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> Mask:
