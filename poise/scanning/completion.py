@@ -36,8 +36,6 @@ _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
 to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
 _FOOT, _BESIDE = 0.6e-3, 5
 """m over the floor, and cells, within which a side has to be seen for the object to stand there."""
-_WALL = 0.005
-"""m: walls of cups are thinner."""
 _MOST_CELLS = 1_500_000
 _SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
@@ -57,8 +55,6 @@ class Completed:
         hidden_sides: as `hidden`, of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
-        enclosed: m3 inside, farther than a wall from all that was seen, over an underside that was not.
-        underside: m2 of that.
     """
 
     points: Array
@@ -71,8 +67,6 @@ class Completed:
     hidden_sides: float
     unknown: float
     footprint: float
-    enclosed: float
-    underside: float
 
 
 def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell: float) -> Completed:
@@ -113,22 +107,7 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    there: Mask = np.zeros(solid.shape, bool)
-    there[column[:, 0], column[:, 1], column[:, 2]] = True
-    below = _enclosed(solid, there, cell)
-    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers, *below)
-
-
-def _enclosed(solid: Mask, seen: Mask, cell: float) -> tuple[float, float]:
-    """m3 of the cells that may be a hollow which is open below, and m2 of its opening.
-
-    These are farther than a wall from all cells in which something was seen, and reach down to the table.
-    """
-    deep = solid & (ndimage.distance_transform_edt(~seen) * cell > _WALL)
-    numbers, _ = ndimage.label(deep)
-    from_below = np.unique(numbers[..., 0])
-    hollow = np.isin(numbers, from_below[from_below > 0])
-    return float(np.count_nonzero(hollow)) * cell**3, float(np.count_nonzero(hollow[..., 0])) * cell**2
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers)
 
 
 def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float) -> Mask:

@@ -16,6 +16,8 @@ from poise.types import Array, Indices, Mask
 _SAMPLES = 8000
 _WALL = 0.002
 """m: the walls of cups and boxes are thicker."""
+_ASKED, _HOLE = 500, 1.0
+"""Points that are asked for the nearest other; and the radius of holes between points, in distances to it."""
 _PER_CELL = 8
 """Samples in each cell, on average, so that hardly any cell inside is empty."""
 _SIGMAS = 2.0
@@ -27,14 +29,16 @@ class Hollow:
     """Space inside a solid that may be empty: behind walls of all that was seen, and open where nothing was seen.
 
     Args:
-        points: (K, 3) m, samples, evenly over the space.
+        samples: (K, 3) m, evenly over all of the solid.
         owners: (K,) tetrahedron that each lies in.
-        volume: m3.
+        empty: (K,) which samples are in the space.
+        volume: m3 of the space.
         opening: m2 of the surface that was not seen, over the space.
     """
 
-    points: Array
+    samples: Array
     owners: Indices
+    empty: Mask
     volume: float
     opening: float
 
@@ -67,17 +71,19 @@ def hollow_of(solid: Solid, points: Array, seen: Mask) -> Hollow | None:
     sizes = np.maximum(solid.volumes, 0.0)
     owners = rng.choice(len(sizes), _SAMPLES, p=sizes / sizes.sum())
     inside = np.einsum("kc,kci->ki", rng.dirichlet(np.ones(4), _SAMPLES), solid.vertices[solid.tetrahedra[owners]])
-    deep = cKDTree(points[seen]).query(inside)[0] > _WALL
+    there = cKDTree(points[seen])
+    apart = float(np.median(there.query(points[seen][:: max(len(points) // _ASKED, 1)], k=2)[0][:, 1]))
+    empty = there.query(inside)[0] > np.hypot(_WALL, _HOLE * apart)
     each = float(sizes.sum()) / _SAMPLES
-    open_to = _open(inside[deep], points[~seen], (_PER_CELL * each) ** (1 / 3))
-    if not open_to.any():
+    empty[empty] = _open(inside[empty], points[~seen], (_PER_CELL * each) ** (1 / 3))
+    if not empty.any():
         return None
-    empty, owners = inside[deep][open_to], owners[deep][open_to]
     triangles, _ = solid.surface
     middles = solid.vertices[triangles].mean(axis=1)
-    unseen = cKDTree(points[~seen]).query(middles)[0] < cKDTree(points[seen]).query(middles)[0]
-    over = cKDTree(empty).query(middles)[0] < 2 * _WALL
-    return Hollow(empty, owners, each * len(empty), float(solid.areas[unseen & over].sum()))
+    unseen = cKDTree(points[~seen]).query(middles)[0] < there.query(middles)[0]
+    over = cKDTree(inside[empty]).query(middles)[0] < 2 * _WALL
+    opening = float(solid.areas[unseen & over].sum())
+    return Hollow(inside, owners, empty, each * np.count_nonzero(empty), opening)
 
 
 def _open(deep: Array, unseen: Array, cell: float) -> Mask:

@@ -6,13 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from scenes import BRICK, EXACT, SMALL, box, brick_views, views_of
-from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import Frame, ScanOptions, View, scan
-from poise.scanning.completion import _enclosed
 from poise.scanning.scan import DEFAULT_SCAN
 from poise.scanning.sweep import Ring
 from poise.shape import HIDDEN_OFF
@@ -68,28 +66,6 @@ def test_the_bottom_is_completed_on_the_table_and_said():
     assert np.mean(off_brick(found.points[~found.seen])) < 1.2e-3
     assert any("completed" in note for note in found.notes)
     assert scan(brick_views(), ScanOptions(complete=False)).seen.all()
-
-
-def test_a_hollow_that_may_be_open_below_is_a_finding():
-    """A brick may be a box upside down; a low plate has no room for one."""
-    notes = " ".join(brick().notes)
-    assert "open below" in notes
-    assert "cm2, as of a cup upside down" in notes
-    plate = scan(views_of(Scene((box((0.12, 0.08, 0.008), (0.0, 0.0, 0.004), (0.8, 0.2, 0.1)),)), 24))
-    assert "open below" not in " ".join(plate.notes)
-
-
-def test_the_space_for_a_hollow_is_what_lies_behind_walls_over_the_table():
-    solid = np.zeros((24, 24, 20), bool)
-    solid[2:22, 2:22, :18] = True
-    seen = solid & ~ndimage.binary_erosion(solid, border_value=1)
-    seen[..., 0] &= ~ndimage.binary_erosion(solid[..., 0])
-    volume, opening = _enclosed(solid, seen, 2e-3)
-    assert volume == pytest.approx(14**2 * 15 * 8e-9)  # cells three and more from the walls and the top
-    assert opening == pytest.approx(14**2 * 4e-6)
-    floating = solid.copy()
-    floating[..., 0] = False
-    assert _enclosed(floating, seen, 2e-3) == (0.0, 0.0)
 
 
 def test_its_volume_is_right():
