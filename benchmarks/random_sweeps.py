@@ -18,7 +18,8 @@ from poise.scanning import Frame, View, depth_in_metres, scan
 _NEAR = 0.15
 _HEADINGS = (
     "camera", "sweeps", "refused", "off, middle %", "bias %", "within 15 %", "worst", "stated +- %", "beyond 2 sigma",
-    "nor in the range if hollow", "with such a range", "parts", "of one colour (1 to 3)", "of two (2 to 4)", "scan, CPU s", "solid and parts, CPU s",
+    "nor in the range if hollow", "with such a range",
+    "parts", "of one colour (1 to 3)", "of two (2 to 4)", "scan, CPU s", "solid and parts, CPU s",
 )  # fmt: skip
 
 
@@ -64,7 +65,8 @@ class Sweep:
 
     def __str__(self) -> str:
         return (
-            f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f} {'!!' if self.silent else '! ' if self.missed else '  '}"
+            f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f}"
+            f" {'!!' if self.silent else '! ' if self.missed else '  '}"
             f" ({self.hollow:4.2f} if hollow)"
             f" {self.parts:3} parts of {self.paints}"
             f" {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
@@ -80,7 +82,9 @@ def measure(made: Thing, camera: str, views: list[View]) -> Sweep:
         between = time.process_time()
         cut = found.segmented()
     except PoiseError as error:
-        return Sweep(name, camera, np.nan, np.nan, np.nan, 0, paints, time.process_time() - start, np.nan, (error.message,))
+        return Sweep(
+            name, camera, np.nan, np.nan, np.nan, 0, paints, time.process_time() - start, np.nan, (error.message,)
+        )
     end = time.process_time()
     ratio, std = cut.solid.volume / volume, cut.solid.volume_std / volume
     hollow = np.nan if cut.volume_if_hollow is None else cut.volume_if_hollow / volume

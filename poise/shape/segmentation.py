@@ -19,6 +19,8 @@ from poise.types import Array, Indices, Mask
 
 _SHADING = 0.2
 """Share by which lightness may be off where lighting was taken out: normals at edges are means."""
+_SMOOTH = 0.2
+"""`MergeCosts.smooth` of what has one colour."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
 
@@ -167,9 +169,7 @@ def segment(
     hollow = None if seen is None else hollow_of(solid, points, seen)
     if hollow is not None and hollow.matters(solid):
         notes = (*notes, hollow.sentence(solid))
-    return Segmentation(
-        solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, hollow, notes
-    )
+    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, hollow, notes)
 
 
 def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
@@ -187,11 +187,12 @@ def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCo
 
     Colours without lighting keep the costs that were tuned on them.
     """
+    if plain:
+        costs = replace(options.costs, smooth=_SMOOTH)
+        return replace(costs, shading=shading, colour=0.0) if shading else costs
     if not shading:
         return options.costs
-    if plain:
-        return replace(options.costs, shading=shading, colour=0.0)
-    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit)
+    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit, smooth=_SMOOTH)
 
 
 def _contrast(colours: Array, shading: float) -> float:
