@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
-_SAMPLES = 8000
+_SAMPLES = 4000
 _WALL = 0.002
 """m: the walls of cups and boxes are thicker."""
 _ASKED, _HOLE = 500, 1.0
@@ -73,15 +73,16 @@ def hollow_of(solid: Solid, points: Array, seen: Mask) -> Hollow | None:
     inside = np.einsum("kc,kci->ki", rng.dirichlet(np.ones(4), _SAMPLES), solid.vertices[solid.tetrahedra[owners]])
     there = cKDTree(points[seen])
     apart = float(np.median(there.query(points[seen][:: max(len(points) // _ASKED, 1)], k=2)[0][:, 1]))
-    empty = there.query(inside)[0] > np.hypot(_WALL, _HOLE * apart)
+    empty = ~np.isfinite(there.query(inside, distance_upper_bound=np.hypot(_WALL, _HOLE * apart))[0])
     each = float(sizes.sum()) / _SAMPLES
-    empty[empty] = _open(inside[empty], points[~seen], (_PER_CELL * each) ** (1 / 3))
+    cell = (_PER_CELL * each) ** (1 / 3)
+    empty[empty] = _open(inside[empty], points[~seen], cell)
     if not empty.any():
         return None
     triangles, _ = solid.surface
     middles = solid.vertices[triangles].mean(axis=1)
     unseen = cKDTree(points[~seen]).query(middles)[0] < there.query(middles)[0]
-    over = cKDTree(inside[empty]).query(middles)[0] < 2 * _WALL
+    over = np.isfinite(cKDTree(inside[empty]).query(middles, distance_upper_bound=cell)[0])
     opening = float(solid.areas[unseen & over].sum())
     return Hollow(inside, owners, empty, each * np.count_nonzero(empty), opening)
 

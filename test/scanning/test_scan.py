@@ -81,6 +81,24 @@ def test_its_volume_is_right():
     assert abs(solid.volume - np.prod(BRICK)) < 2 * solid.volume_std
 
 
+def test_a_brick_may_be_a_box_upside_down():
+    """Both hypotheses are stated: the solid one, and the least that a box without a bottom has."""
+    found = brick().segmented()
+    inner = np.array(BRICK) - [0.004, 0.004, 0.002]
+    assert found.solid.volume_std < 0.1 * np.prod(BRICK)
+    assert found.volume_if_hollow < 1.1 * (np.prod(BRICK) - np.prod(inner))
+    assert "if it is hollow" in " ".join(found.notes)
+
+
+def test_air_under_an_arm_is_not_filled():
+    block, arm = box((0.05, 0.05, 0.03), (0, 0, 0.015), (0.8, 0.2, 0.1)), (0.06, 0.05, 0.012)
+    scene = Scene((block, box(arm, (0.055, 0, 0.012), (0.8, 0.2, 0.1))))
+    found = scan(views_of(scene, 24, target=(0.02, 0.0, 0.02))).segmented().solid
+    true = 0.05 * 0.05 * 0.03 + np.prod(arm)
+    assert found.volume == pytest.approx(true, rel=0.12)
+    assert abs(found.volume - true) < 2 * found.volume_std
+
+
 def test_the_same_views_give_the_same_cloud():
     one, two = brick(), scan(brick_views())
     np.testing.assert_array_equal(one.points, two.points)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from poise.inertia.model.object_shape import PIECES, _of_cloud, parts_of_segmentation
+from poise.inertia.model.object_shape import PIECES, parts_of_segmentation, shape_of_cloud
 from poise.inertia.model.parameters import pseudo_inertia
 from poise.shape.segmentation import Segmentation, segment
 
@@ -48,14 +48,14 @@ def test_the_hollow_is_a_part_that_may_weigh_nothing() -> None:
     assert parts.volumes.sum() == pytest.approx(found.solid.volume, rel=1e-6)
     assert parts.volumes[:-1].sum() == pytest.approx(found.volume_if_hollow, rel=0.1)
     walls = pseudo_inertia(parts.unit_phi[:, :-1] @ parts.volumes[:-1])
-    assert walls[2, 3] / walls[3, 3] > 0.007  # the centre of a box without a bottom is higher
+    assert walls[2, 3] / walls[3, 3] > 0.004  # the centre of a box without a bottom is higher
     assert parts.likeness is not None
     assert np.all(parts.likeness[-1, :-1] == 0)
 
 
 def test_pieces_of_one_part_leave_the_hollow_to_another() -> None:
     found = scanned(SIDES)
-    parts = _of_cloud(found).parts
+    parts = shape_of_cloud(found).parts
     assert len(parts) == PIECES + 1
     assert parts.volumes.sum() == pytest.approx(found.solid.volume, rel=1e-6)
     for phi in parts.unit_phi.T:

@@ -104,7 +104,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
         if mesh is None:
             cloud = read_cloud(path, scale)
             cut = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
-            return _of_cloud(cut(cloud.points, cloud.colours))
+            return shape_of_cloud(cut(cloud.points, cloud.colours))
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
     except (scipy.spatial.QhullError, np.linalg.LinAlgError) as error:
@@ -158,7 +158,7 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
     points = trimesh.sample.sample_surface(mesh, _SAMPLED, seed=0)[0]
     from poise.shape import segment
 
-    shape = _of_cloud(segment(np.asarray(points)))
+    shape = shape_of_cloud(segment(np.asarray(points)))
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
 
@@ -225,7 +225,8 @@ def parts_of_segmentation(found: "Segmentation") -> Parts:
     return replace(parts, likeness=likeness)
 
 
-def _of_cloud(found: "Segmentation") -> ObjectShape:
+def shape_of_cloud(found: "Segmentation") -> ObjectShape:
+    """Parts of a solid from a cloud; one part is cut into `PIECES`, and space that may be hollow is a part, too."""
     accuracy = cloud_accuracy(found.solid.volume, found.solid.volume_std)
     words = f"{len(found.labels)} points with {1e3 * found.noise:.1f} mm of noise"
     hollow = "" if found.volume_if_hollow is None else ", of which the space that no view saw may be hollow"
