@@ -18,7 +18,8 @@ from poise.scanning import Frame, View, depth_in_metres, scan
 _NEAR = 0.15
 _HEADINGS = (
     "camera", "sweeps", "refused", "off, middle %", "bias %", "within 15 %", "worst", "stated +- %", "beyond 2 sigma",
-    "wrong and sure", "parts", "of one colour (1 to 3)", "of two (2 to 4)", "scan, CPU s", "solid and parts, CPU s",
+    "nor in the range if hollow", "with such a range",
+    "parts", "of one colour (1 to 3)", "of two (2 to 4)", "scan, CPU s", "solid and parts, CPU s",
 )  # fmt: skip
 
 
@@ -29,6 +30,7 @@ class Sweep:
     Args:
         name, camera: of the thing and what saw it.
         volume, std: found, and its stated sigma, over the true volume; NaN when refused.
+        hollow: the least volume that is stated in case of a hollow, over the true one; NaN where none is.
         parts: that were found.
         paints: colours that it has.
         scanning, cutting: s of CPU.
@@ -39,6 +41,7 @@ class Sweep:
     camera: str
     volume: float
     std: float
+    hollow: float
     parts: int
     paints: int
     scanning: float
@@ -55,9 +58,16 @@ class Sweep:
         """The truth is beyond two of the stated sigmas."""
         return abs(self.volume - 1) > 2 * self.std
 
+    @property
+    def silent(self) -> bool:
+        """Missed, and not in the range that is stated in case of a hollow."""
+        return self.missed and not self.hollow - 2 * self.std < 1 < self.volume
+
     def __str__(self) -> str:
         return (
-            f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f} {'!!' if self.missed else '  '}"
+            f"{self.camera:6} {self.name:28} {self.volume:5.2f} ± {self.std:4.2f}"
+            f" {'!!' if self.silent else '! ' if self.missed else '  '}"
+            f" ({self.hollow:4.2f} if hollow)"
             f" {self.parts:3} parts of {self.paints}"
             f" {self.scanning:5.2f} s {self.cutting:5.2f} s  {'; '.join(self.notes)}"
         )
@@ -72,11 +82,14 @@ def measure(made: Thing, camera: str, views: list[View]) -> Sweep:
         between = time.process_time()
         cut = found.segmented()
     except PoiseError as error:
-        return Sweep(name, camera, np.nan, np.nan, 0, paints, time.process_time() - start, np.nan, (error.message,))
+        return Sweep(
+            name, camera, np.nan, np.nan, np.nan, 0, paints, time.process_time() - start, np.nan, (error.message,)
+        )
     end = time.process_time()
     ratio, std = cut.solid.volume / volume, cut.solid.volume_std / volume
+    hollow = np.nan if cut.volume_if_hollow is None else cut.volume_if_hollow / volume
     notes = (*found.notes, *cut.notes)
-    return Sweep(name, camera, ratio, std, cut.n_parts, paints, between - start, end - between, notes)
+    return Sweep(name, camera, ratio, std, hollow, cut.n_parts, paints, between - start, end - between, notes)
 
 
 def measured(seeds: range, cameras: tuple[str, ...], frames: int, kept: Path | None) -> Iterator[Sweep]:
@@ -137,7 +150,7 @@ def table(rows: list[Sweep]) -> Table:
 def _summary(rows: list[Sweep]) -> list[str]:
     good = [row for row in rows if np.isfinite(row.volume)]
     if not good:
-        return [str(len(rows))] * 2 + ["-"] * 12
+        return [str(len(rows))] * 2 + ["-"] * 13
     ratio = np.array([row.volume for row in good])
     return [
         str(len(rows)),
@@ -148,7 +161,8 @@ def _summary(rows: list[Sweep]) -> list[str]:
         f"{ratio[np.argmax(np.abs(ratio - 1))]:.2f}",
         f"{100 * np.median([row.std for row in good]):.1f}",
         f"{sum(row.missed for row in good)} of {len(good)}",
-        f"{sum(row.missed and not row.near for row in good)}",
+        f"{sum(row.silent for row in good)}",
+        f"{sum(np.isfinite(row.hollow) for row in good)}",
         f"{np.mean([row.parts for row in good]):.1f}",
         *(_parts([row for row in good if row.paints == paints], paints) for paints in (1, 2)),
         f"{np.median([row.scanning for row in good]):.2f}",

@@ -191,6 +191,7 @@ def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: t
         "n_parts": cut.n_parts,
         "volume": cut.solid.volume,
         "volume_std": cut.solid.volume_std,
+        "volume_if_hollow": cut.volume_if_hollow,
         "part_volumes": cut.volumes,
         "part_centroids": cut.centroids,
         "table": {"normal": found.plane.normal, "offset": found.plane.offset, "thickness": found.plane.thickness},

@@ -139,6 +139,7 @@ def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> di
         "volume": found.solid.volume,
         "seconds": seconds,
         "volume_std": found.solid.volume_std,
+        "volume_if_hollow": found.volume_if_hollow,
         "part_volumes": found.volumes,
         "part_centroids": found.centroids,
         "noise": found.noise,

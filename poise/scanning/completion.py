@@ -16,6 +16,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import BAND, Surface
 from poise.scanning.looking import each, lookup
 from poise.scanning.support import CELL, Footprint
+from poise.scanning.underside import underside
 from poise.types import Array, Mask
 
 _VIEWS = 64
@@ -35,8 +36,6 @@ _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
 to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
 _FOOT, _BESIDE = 0.6e-3, 5
 """m over the floor, and cells, within which a side has to be seen for the object to stand there."""
-_WALL = 0.005
-"""m: walls of cups are thinner."""
 _MOST_CELLS = 1_500_000
 _SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
@@ -56,8 +55,6 @@ class Completed:
         hidden_sides: as `hidden`, of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
-        enclosed: m3 inside, farther than a wall from all that was seen, over an underside that was not.
-        underside: m2 of that.
     """
 
     points: Array
@@ -70,8 +67,6 @@ class Completed:
     hidden_sides: float
     unknown: float
     footprint: float
-    enclosed: float
-    underside: float
 
 
 def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell: float) -> Completed:
@@ -95,35 +90,24 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
     solid = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
     solid = _carved(solid, views, axes, plane.offset, low, cell)
+    seen = placed, surface.normals @ axes.T
+    air = underside(solid, seen, footprint.floor, low, cell)
+    solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
     points, normals = _faces(solid, low, cell)
     points[points[:, 2] < 0.5 * cell, 2] = 0.0
-    seen = placed, surface.normals @ axes.T
+    hanging = _on_underside(points, normals, air, low, cell)
     hidden = ~_seen_already(points, normals, *seen, cell)
     sides = normals[:, 2] > _UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
     area = float(np.sum(hidden)) * cell**2
     off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
+    off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
     doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    there: Mask = np.zeros(solid.shape, bool)
-    there[column[:, 0], column[:, 1], column[:, 2]] = True
-    below = _enclosed(solid, there, cell)
-    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers, *below)
-
-
-def _enclosed(solid: Mask, seen: Mask, cell: float) -> tuple[float, float]:
-    """m3 of the cells that may be a hollow which is open below, and m2 of its opening.
-
-    These are farther than a wall from all cells in which something was seen, and reach down to the table.
-    """
-    deep = solid & (ndimage.distance_transform_edt(~seen) * cell > _WALL)
-    numbers, _ = ndimage.label(deep)
-    from_below = np.unique(numbers[..., 0])
-    hollow = np.isin(numbers, from_below[from_below > 0])
-    return float(np.count_nonzero(hollow)) * cell**3, float(np.count_nonzero(hollow[..., 0])) * cell**2
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers)
 
 
 def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float) -> Mask:
@@ -155,6 +139,15 @@ def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
         points.append(low + cell * (index + 0.5 + 0.5 * side))
         normals.append(np.tile(side, (len(index), 1)))
     return np.concatenate(points), np.concatenate(normals).astype(np.float64)
+
+
+def _on_underside(points: Array, normals: Array, air: Array, low: Array, cell: float) -> Mask:
+    """Which faces (F, 3) are of an underside over air (X, Y) m; they are moved to its height."""
+    index = np.floor((points[:, :2] - low[:2]) / cell).astype(int).clip(0, np.array(air.shape) - 1)
+    height = air[index[:, 0], index[:, 1]]
+    hanging = (normals[:, 2] < _UNDERSIDE) & (height > 0) & (np.abs(points[:, 2] - height) <= cell)
+    points[hanging, 2] = height[hanging]
+    return np.asarray(hanging)
 
 
 def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> Mask:

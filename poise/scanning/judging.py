@@ -5,8 +5,6 @@ from poise.scanning.completion import Completed
 
 _UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 """Shares of the footprint, and m2, of which nothing is known."""
-_ENCLOSED = 0.3
-"""Share of the volume that may be a hollow which is open below, above which it is said."""
 _DOUBTFUL = 0.12
 """Share of the volume that completed surface may be off by, one sigma, above which the cause is said."""
 _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
@@ -41,12 +39,6 @@ def judge(hidden: Completed) -> list[str]:
     notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
     if hidden.hidden_sides > _SIDES_NOTE:
         notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
-    if hidden.enclosed > _ENCLOSED * hidden.volume:
-        notes.append(
-            f"its underside was not seen: a hollow that is open below ({1e4 * hidden.underside:.0f} cm2, as of a cup"
-            f" upside down) would look the same, and the volume would be up to {hidden.enclosed / hidden.volume:.0%}"
-            " less, which its uncertainty does not include: turn it over and scan again, if it may be hollow"
-        )
     if hidden.doubtful > _DOUBTFUL * hidden.volume:
         share = hidden.doubtful / hidden.volume
         notes.append(

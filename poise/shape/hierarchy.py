@@ -20,6 +20,8 @@ _FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""
 _HASTE = 1e-3
 """Factor of the cost for what is too small to be a part."""
+_FOLDED = 0.3
+"""Mean fold along a border from which on it folds inwards, as where two parts meet; walls of a cup fold in and out."""
 _ONE_COLOUR = 0.1
 """Distance of colours below which they are one."""
 
@@ -35,6 +37,7 @@ class MergeCosts:
         size: for the square of the merged volume; small pairs merge first.
         shading: share by which lightness may differ for nothing, because lighting is not known exactly.
         one_colour: factor for clusters of one colour.
+        smooth: factor for the hollow that merging adds, where the colour is one and the border does not fold inwards.
         least: share of the volume below which a cluster is no part, and merges with the likest beside it.
     """
 
@@ -45,6 +48,7 @@ class MergeCosts:
     least: float = 0.01
     shading: float = 0.0
     one_colour: float = 1.0
+    smooth: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -125,25 +129,27 @@ class _Clusters:
 
         Hulls (K,) are shares of the object's volume.
         """
-        border, step = self._border(i, j)
+        border, step, fold = self._border(i, j)
         volume = self._volume[i] + self._volume[j]
         hull = np.maximum(self._joined(i, j).volumes / self._total, volume)
         added = np.maximum(hull - self._hull[i] - self._hull[j], 0.0)
+        alike = step < _ONE_COLOUR
+        added *= np.where(alike, np.clip(fold / _FOLDED, self.costs.smooth, 1.0), 1.0)
         shape = added + self.costs.hollow * (hull - volume) + self.costs.size * volume**2
         small = np.minimum(self._volume[i], self._volume[j]) < self.costs.least
-        alike = (self.costs.one_colour < 1) & (step < _ONE_COLOUR)
         # What is too small to be a part, or of the same colour, merges before others do.
         haste = np.where(small, _HASTE, np.where(alike, self.costs.one_colour, 1.0))
         return haste * (border + shape), hull
 
-    def _border(self, i: Indices, j: Indices) -> tuple[Array, Array]:
-        """(K,) what colour and fold ask, and (K,) distances of colours."""
+    def _border(self, i: Indices, j: Indices) -> tuple[Array, Array, Array]:
+        """(K,) what colour and fold ask, (K,) distances of colours, and (K,) mean folds, positive inwards."""
         keys = zip(np.minimum(i, j).tolist(), np.maximum(i, j).tolist(), strict=True)
         fold, edges = np.array([self._folds.get(key, (0.0, 0)) for key in keys]).reshape(-1, 2).T
         size = self._weight[i] * self._weight[j] / (self._weight[i] + self._weight[j])
         step = colour_steps(self._colour[i], self._colour[j], self.costs.shading)
-        asked = self.costs.colour * step + self.costs.fold * np.maximum(fold / (edges + _FEWEST_EDGES), 0.0)
-        return size * asked, step
+        fold = fold / (edges + _FEWEST_EDGES)
+        asked = self.costs.colour * step + self.costs.fold * np.maximum(fold, 0.0)
+        return size * asked, step, fold
 
     def _joined(self, i: Indices, j: Indices) -> Hulls:
         return Hulls(*(part[i] for part in self._hulls)).with_each(Hulls(*(part[j] for part in self._hulls)))

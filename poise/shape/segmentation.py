@@ -10,6 +10,7 @@ from poise.notebooks import html_table
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
+from poise.shape.hollows import Hollow, hollow_of
 from poise.shape.lighting import colour_steps, unlit
 from poise.shape.reconstruction import guarded, reconstruct
 from poise.shape.solid import Solid
@@ -18,6 +19,8 @@ from poise.types import Array, Indices, Mask
 
 _SHADING = 0.2
 """Share by which lightness may be off where lighting was taken out: normals at edges are means."""
+_SMOOTH = 0.2
+"""`MergeCosts.smooth` of what has one colour."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
 
@@ -63,6 +66,7 @@ class Segmentation:
         leaves: (T,) initial cluster of each tetrahedron.
         steps: merges that were taken.
         part_colours: (P, 3) 0..1, the median of each part's points, without lighting; None without colours.
+        hollow: space that a scan did not see into and that may be empty; None where there is none.
         notes: what to read the answer with, one sentence each.
     """
 
@@ -74,6 +78,7 @@ class Segmentation:
     steps: int
     noise: float = 0.0
     part_colours: Array | None = None
+    hollow: Hollow | None = None
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -87,6 +92,13 @@ class Segmentation:
         ]
         caption = f"{self.n_parts} parts, {1e6 * self.volumes.sum():.4g} cm³"
         return html_table(caption, ("part", "cm³", "centroid, mm"), rows, self.notes)
+
+    @property
+    def volume_if_hollow(self) -> float | None:
+        """m3, the least that it has if it is hollow where no view saw; None: that is within the uncertainty."""
+        if self.hollow is None or not self.hollow.matters(self.solid):
+            return None
+        return self.solid.volume - self.hollow.volume
 
     @cached_property
     def n_parts(self) -> int:
@@ -154,7 +166,10 @@ def segment(
     nearest = np.arange(len(few)) if every else cKDTree(points[made.rows]).query(points)[1]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
     labels, solid = parts[point_leaves][nearest], guarded(made, parts[leaves])
-    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, notes)
+    hollow = None if seen is None else hollow_of(solid, points, seen)
+    if hollow is not None and hollow.matters(solid):
+        notes = (*notes, hollow.sentence(solid))
+    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, hollow, notes)
 
 
 def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
@@ -172,11 +187,12 @@ def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCo
 
     Colours without lighting keep the costs that were tuned on them.
     """
+    if plain:
+        costs = replace(options.costs, smooth=_SMOOTH)
+        return replace(costs, shading=shading, colour=0.0) if shading else costs
     if not shading:
         return options.costs
-    if plain:
-        return replace(options.costs, shading=shading, colour=0.0)
-    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit)
+    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit, smooth=_SMOOTH)
 
 
 def _contrast(colours: Array, shading: float) -> float:

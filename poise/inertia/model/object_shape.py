@@ -10,9 +10,9 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments
+from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments, upper_factor
 from poise.inertia.model.spread_points import spread
-from poise.types import Array
+from poise.types import Array, Indices
 
 if TYPE_CHECKING:  # imported where they are used: few payloads come with a mesh
     import trimesh
@@ -40,6 +40,8 @@ _MESH_ACCURACY, _UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
 
 WORST_ACCURACY = 0.15
 """Relative error of lengths of the worst clouds."""
+_MOST_HOLLOW = 0.95
+"""Share of a part that a hollow may take; more is a part of its own."""
 _UNKNOWN_ACCURACY = 0.05
 """The same when nothing is known of how good a cloud is."""
 
@@ -102,7 +104,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
         if mesh is None:
             cloud = read_cloud(path, scale)
             cut = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
-            return _of_cloud(cut(cloud.points, cloud.colours))
+            return shape_of_cloud(cut(cloud.points, cloud.colours))
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
     except (scipy.spatial.QhullError, np.linalg.LinAlgError) as error:
@@ -156,7 +158,7 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
     points = trimesh.sample.sample_surface(mesh, _SAMPLED, seed=0)[0]
     from poise.shape import segment
 
-    shape = _of_cloud(segment(np.asarray(points)))
+    shape = shape_of_cloud(segment(np.asarray(points)))
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
 
@@ -216,16 +218,44 @@ def parts_of_segmentation(found: "Segmentation") -> Parts:
 
     likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
     labels = independent_parts(found) if likeness is None else found.tetrahedron_labels
-    parts = parts_of_solid(found.solid, labels)
+    parts = _parts(found, labels)
+    if likeness is not None and len(parts) > len(likeness):  # what fills the hollow is like nothing else
+        likeness = np.pad(likeness, (0, 1))
+        likeness[-1, -1] = 1.0
     return replace(parts, likeness=likeness)
 
 
-def _of_cloud(found: "Segmentation") -> ObjectShape:
+def shape_of_cloud(found: "Segmentation") -> ObjectShape:
+    """Parts of a solid from a cloud; one part is cut into `PIECES`, and space that may be hollow is a part, too."""
     accuracy = cloud_accuracy(found.solid.volume, found.solid.volume_std)
     words = f"{len(found.labels)} points with {1e3 * found.noise:.1f} mm of noise"
+    hollow = "" if found.volume_if_hollow is None else ", of which the space that no view saw may be hollow"
     if found.n_parts > 1:
         parts = parts_of_segmentation(found)
-        return ObjectShape(parts, accuracy, f"{words}, segmented into {len(parts)} parts")
+        return ObjectShape(parts, accuracy, f"{words}, segmented into {len(parts)} parts{hollow}")
     solid = found.solid
     which = scipy.spatial.cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
-    return ObjectShape(parts_of_solid(solid, which), accuracy, f"{words} of one part, cut into {PIECES} pieces")
+    return ObjectShape(_parts(found, which), accuracy, f"{words} of one part, cut into {PIECES} pieces{hollow}")
+
+
+def _parts(found: "Segmentation", labels: Indices) -> Parts:
+    """Parts by (T,) labels 0..P-1; space that may be hollow is one more, since its mass may be zero."""
+    solid, hollow = found.solid, found.hollow
+    if found.volume_if_hollow is None or hollow is None:
+        return parts_of_solid(solid, labels)
+    from poise.shape import tetrahedron_moments
+
+    exact, count = tetrahedron_moments(solid.vertices[solid.tetrahedra]), int(labels.max()) + 1
+    places = np.pad(hollow.samples, ((0, 0), (0, 1)), constant_values=1.0)
+    samples, inside = places[:, :, None] * places[:, None, :], labels[hollow.owners]
+    moments, part = [np.zeros((0, 4, 4))], [np.zeros(0, np.int64)]
+    for number in range(count):
+        own, whole = inside == number, exact[labels == number].sum(axis=0)
+        empty = hollow.empty[own]
+        if not 0 < np.mean(empty) < _MOST_HOLLOW or np.linalg.eigvalsh(whole).min() <= 0:
+            moments, part = [*moments, whole[None]], [*part, np.array([number])]  # one without walls is free anyway
+            continue
+        stretch = upper_factor(whole) @ np.linalg.inv(upper_factor(samples[own].sum(axis=0)))
+        moments.append(stretch @ samples[own] @ stretch.T)
+        part.append(np.where(empty, count, number))
+    return Parts.from_moments(np.concatenate(moments), np.concatenate(part), solid.vertices)

@@ -149,7 +149,7 @@ class Parts:
             raise InputError(
                 ErrorCode.MESH_INVALID, f"shape: cut into cells it has {share:.0%} of its volume; close its holes"
             )
-        stretch = _upper_factor(exact) @ np.linalg.inv(_upper_factor(moments.sum(axis=0)))
+        stretch = upper_factor(exact) @ np.linalg.inv(upper_factor(moments.sum(axis=0)))
         nearest = scipy.spatial.cKDTree(np.asarray(labelled_points)).query(centres)[1]
         return cls.from_moments(stretch @ moments @ stretch.T, np.asarray(labels)[nearest], vertices)
 
@@ -186,7 +186,7 @@ def box_moments(centres: ArrayLike, sides: ArrayLike) -> Array:
     return np.asarray(side.prod(axis=1)[:, None, None] * moments)
 
 
-def _upper_factor(moments: Array) -> Array:
+def upper_factor(moments: Array) -> Array:
     """(4, 4) upper triangular U with U U^T = moments, so that U maps homogeneous points affinely (times a scale)."""
     return np.asarray(np.linalg.cholesky(moments[::-1, ::-1])[::-1, ::-1])
 
