@@ -113,11 +113,11 @@ def compare(
             b, matched = on_a, instead
     ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
     side, found = _likelier(ways, stages)
-    changes, equal = _changes(found, side, a, b, stages)
+    changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     imitated = {each.finding.effect.name for each in equal if each.finding.effect.layer == "friction"}
     if imitated:  # it acts by itself, so that it cannot differ where both have the same: it stands for something else
         found = _one_way(*ways[side], stages, imitated)
-        changes, equal = _changes(found, side, a, b, stages)
+        changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
     kept, small = (kept, []) if same_speed(matched) else _material(kept, side, a, b, stages)
@@ -126,11 +126,16 @@ def compare(
 
 
 def _changes(
-    found: Diagnosis, side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+    found: Diagnosis, side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages, same: bool
 ) -> tuple[list[Change], list[Change]]:
     """The changes that an answer names, and those of them that each recording by itself shows alike."""
     less = a if side == "b" else b
-    changes = [change_of(each, side, stages.own_values(each, less), less) for each in found.findings]
+    if same:
+        owned = [stages.own_values(each, less) for each in found.findings]
+    else:  # as the model has it
+        known = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+        owned = [known.get(each.effect.name, {}) for each in found.findings]
+    changes = [change_of(each, side, own, less) for each, own in zip(found.findings, owned, strict=True)]
     equal = [
         each
         for each in changes
@@ -175,9 +180,14 @@ def _through_model(
     What no effect explains in A may be what changed: A is then held against B, if B leaves nothing unexplained.
     """
     side: Recorded = "b"
-    this, less, alone = b, a, stages.alone(a, stages.model)
-    if alone.unknown is not None and (of_b := stages.alone(b, stages.model)).unknown is None:
-        side, this, less, alone = "a", a, b, of_b
+    this, less, model = b, a, stages.model
+    # A whole search in A is the last resort.
+    if stages.usual(a, model).unknown is not None and (
+        stages.usual(b, model).unknown is None
+        or (stages.alone(a, model).unknown is not None and stages.alone(b, model).unknown is None)
+    ):
+        side, this, less = "a", a, b
+    alone = stages.alone(less, model)
     found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
     own = {each.effect.name: each.parameters for each in alone.findings}
     changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]

@@ -1,6 +1,7 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
+from poise.mismatch.inference.coarse import averaged_efforts
 from poise.mismatch.inference.fitting import (
     EffectCandidate,
     HypothesisFit,
@@ -45,6 +46,7 @@ __all__ = [
     "TimeLimit",
     "Variation",
     "alike",
+    "averaged_efforts",
     "allowed_excess",
     "dependence_curve",
     "effort_problem",
