@@ -119,6 +119,7 @@ def test_what_only_a_leaves_unexplained_is_held_against_b(
     }
     stages: Any = SimpleNamespace(
         model=None,
+        usual=lambda recorded, model: alone[recorded],
         alone=lambda recorded, model: alone[recorded],
         diagnose=lambda this, model: SimpleNamespace(findings=(), held=this, against=model),
     )

@@ -12,6 +12,8 @@ from poise.types import Array
 
 _UNSURE, _SIGMAS = 0.15, 2.0
 """Share of a value that so many of its sigmas may reach."""
+_SMALL = 0.1
+"""Share of the usual value of the joints below which a value counts as zero."""
 _OF_LAW, _CHANCE = 0.01, 9.0
 """Share of the energy that dry friction explains, and squares of the noise, by which another law may be worse: laws of
 friction hold to a tenth."""
@@ -48,7 +50,7 @@ class UnsureValue:
 
 
 def unsure_values(found: Diagnosis, values: Mapping[str, Mapping[str, float]]) -> tuple[UnsureValue, ...]:
-    """The values whose two sigmas exceed 15 %.
+    """The values whose two sigmas exceed 15 %; of values near zero, of a tenth of the usual one.
 
     The errors of a fit hold for its law of friction. How fast dry friction reverses is uncertain in each joint, and the
     slower, the more it resembles damping: the values under every law that is nearly as good widen the errors.
@@ -63,7 +65,8 @@ def unsure_values(found: Diagnosis, values: Mapping[str, Mapping[str, float]]) -
         spread = _by_laws(examined, findings) if examined.problem.signal == "effort" else {}
         for joint, kind, std, motion in _stds(examined):
             std, value = max(std, spread.get((joint, kind), 0.0)), values.get(joint, {}).get(kind, 0.0)
-            if value and _SIGMAS * std > _UNSURE * abs(value):
+            usual = float(np.median([abs(each.get(kind, 0.0)) for each in values.values()]))
+            if _SIGMAS * std > _UNSURE * max(abs(value), _SMALL * usual) > 0.0:
                 unsure.append(UnsureValue(joint, kind, value, std, motion))
     return tuple(unsure)
 
@@ -81,22 +84,23 @@ def _stds(examined: SignalDiagnosis) -> Iterator[tuple[str, str, float, str]]:
 
 def _by_laws(examined: SignalDiagnosis, findings: Mapping[str, NamedEffect]) -> dict[tuple[str, str], float]:
     """Half the range of dry friction and damping by joint, over the laws that are nearly as good."""
-    dry = findings.get("coulomb_friction")
+    dry, viscous = findings.get("coulomb_friction"), findings.get("viscous_friction")
     effort = examined.problem.recorded.effort
     if dry is None or effort is None:
         return {}
     problem, recorded = examined.problem, examined.problem.recorded
     rows, left = problem.active, residual_of(problem, examined.best)
-    friction = [findings[name] for name in ("coulomb_friction", "viscous_friction") if name in findings]
+    friction = [each for each in (dry, viscous) if each is not None]
     left = left + np.sum([each.effect.simulate(recorded, each.values) for each in friction], axis=0)
     found: dict[tuple[str, str], float] = {}
     for j, (number, joint) in enumerate(numbered_joints(recorded).items()):
         beside = [np.ones(len(left)), np.sin(effort.position[:, j]), np.cos(effort.position[:, j]), effort.rigid[:, j]]
         beside += [effort.acceleration[:, j]] * ("motor_inertia" in findings)
-        beside += [effort.velocity[:, j]] * ("viscous_friction" in findings)
+        beside += [effort.velocity[:, j]] * (viscous is not None)
         laws = [each[rows] for each in laws_of_dry_friction(recorded, j)]
         now = [dry.values[f"torque_{number}"]]
-        now += [findings["viscous_friction"].values[f"damping_{number}"]] * ("viscous_friction" in findings)
+        if viscous is not None:
+            now.append(viscous.values[f"damping_{number}"])
         ranges = _ranges(laws, np.column_stack(beside)[rows], left[rows, j], now)
         found |= {(joint, kind): half for kind, half in zip(("friction", "damping"), ranges, strict=False)}
     return found
