@@ -31,7 +31,8 @@ def efforts(
         joint.frictionloss, joint.armature = friction, armature
         joint.damping = [damping, 0.0, 0.0] if np.ndim(joint.damping) else damping
     if soft:
-        spec.joint("elbow").solref_friction, spec.joint("elbow").solimp_friction = [0.2, 1.0], [0.1, 0.1, 0.001, 0.5, 2.0]
+        spec.joint("elbow").solref_friction = [0.2, 1.0]
+        spec.joint("elbow").solimp_friction = [0.1, 0.1, 0.001, 0.5, 2.0]
     model = spec.compile()
     data, times = mujoco.MjData(model), np.arange(0.0, seconds, 0.008)
     rates, sizes = np.array([[0.9, 2.1], [0.7, 1.7], [1.1, 2.3]]), np.array([[0.7, 0.3], [0.5, 0.3], [0.6, 0.3]])
