@@ -124,6 +124,6 @@ def _ranges(laws: Sequence[Array], beside: Array, wanted: Array, now: Sequence[f
 
 
 def _solved(columns: Array, wanted: Array) -> tuple[Array, float]:
-    values: Array = np.linalg.lstsq(columns, wanted, rcond=1e-9)[0]
+    values: Array = np.asarray(np.linalg.lstsq(columns, wanted, rcond=1e-9)[0], dtype=np.float64)
     rest = wanted - columns @ values
     return values, float(rest @ rest)
