@@ -31,6 +31,7 @@ _SKEW = 0.002
 _CLEARLY = 1.02
 """Ratio of the evidence from which the answer about A against B is better than that about B against A."""
 _EQUAL_NOTE = "each recording by itself shows the same {}: it acts on what changed, and is no change"
+_REST_NOTE = "no effect explains all that the model lacks in {}: a change of the rest may be hidden there"
 _SMALL_NOTE = "{} differs by no more than the errors of both answers, and is no change"
 
 
@@ -153,9 +154,11 @@ def _material(
     """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
     less = a if side == "b" else b
     # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
-    own = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+    alone = stages.alone(less, stages.for_two)
+    own = {each.effect.name: each.parameters for each in alone.findings}
     kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
-    return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
+    notes = [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
+    return kept, notes + [_REST_NOTE.format("A" if side == "b" else "B")] * (alone.unknown is not None)
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -195,6 +198,7 @@ def _through_model(
     lacking = "A" if side == "b" else "B"
     share = f"{matched.share:.0%} of B's motion is also in A"
     said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
+    said += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
     said += [_SMALL_NOTE.format(each.effect.name) for each, c in changes if c not in kept]
     return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 
