@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.answer import Diagnosis, Verdict, verdict_of
+from poise.mismatch.answer import Diagnosis, Quantity, Verdict, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.change import Change, Recorded, alike, beyond_errors, change_of
 from poise.mismatch.comparing.difference import difference, with_motion_of
@@ -134,7 +134,7 @@ def _changes(
     if same:
         owned = [stages.own_values(each, less) for each in found.findings]
     else:  # as the model has it
-        known = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+        known = _values(stages.alone(less, stages.for_two))
         owned = [known.get(each.effect.name, {}) for each in found.findings]
     changes = [change_of(each, side, own, less) for each, own in zip(found.findings, owned, strict=True)]
     equal = [
@@ -155,10 +155,15 @@ def _material(
     less = a if side == "b" else b
     # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
     alone = stages.alone(less, stages.for_two)
-    own = {each.effect.name: each.parameters for each in alone.findings}
+    own = _values(alone)
     kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
     notes = [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
     return kept, notes + [_REST_NOTE.format("A" if side == "b" else "B")] * (alone.unknown is not None)
+
+
+def _values(found: Diagnosis) -> dict[str, dict[str, Quantity]]:
+    """The parameters of each effect that was found."""
+    return {each.effect.name: each.parameters for each in found.findings}
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -192,7 +197,7 @@ def _through_model(
         side, this, less = "a", a, b
     alone = stages.alone(less, model)
     found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
-    own = {each.effect.name: each.parameters for each in alone.findings}
+    own = _values(alone)
     changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]
     kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), less))
     lacking = "A" if side == "b" else "B"
