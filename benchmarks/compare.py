@@ -180,6 +180,8 @@ def make_pair(
     evidence = 10 * evidence_of([world.model(xml, joints) for world in (before, after)], joints, moved)
     truth = {"change": change, "motion": motion, "in": "b" if in_b else "a", "mass": after.mass - before.mass}
     truth["evidence"] = evidence
+    if change == "load":
+        truth["com"] = ((after.mass * after.com - before.mass * before.com) / truth["mass"]).tolist()
     return [str(folder / f"{name}.mcap") for name in "ab"], truth
 
 
@@ -190,6 +192,19 @@ def asked(words: list[str], answer: Path) -> tuple[dict[str, Any], float]:
         status = run([*words, "--json", str(answer)])
     seconds = time.process_time() - begin
     return json.loads(answer.read_text()) if answer.exists() else {"effects": [], "verdict": f"exit {status}"}, seconds
+
+
+def load_errors(found: dict[str, float], truth: dict[str, Any]) -> tuple[float, float]:
+    """The relative error of an added load's mass, and the error of its centre, m.
+
+    Args:
+        found: mass and com_x, com_y, com_z of the payload with the load minus those without it.
+        truth: mass and com of the load.
+    """
+    mass, moved = found["mass"], np.array([found[f"com_{axis}"] for axis in "xyz"])
+    # The answer says where the centre of the whole payload moves, from that of the nominal one.
+    centre = np.array(LOAD[1]) + moved * (LOAD[0] + mass) / mass
+    return abs(mass / truth["mass"] - 1.0), float(np.linalg.norm(centre - truth["com"]))
 
 
 def one(seed: int, folder: Path, rival: bool = True) -> dict[str, Any]:
@@ -204,6 +219,10 @@ def one(seed: int, folder: Path, rival: bool = True) -> dict[str, Any]:
     answers = (
         [asked(["mismatch", bag, *stated], folder / f"{i}.json")[0] for i, bag in enumerate(bags)] if rival else []
     )
+    off: tuple[float, float] | None = None
+    if right and truth["change"] == "load":
+        sign = 1.0 if truth["in"] == "b" else -1.0
+        off = load_errors({name: sign * each["value"] for name, each in found["effects"][0]["change"].items()}, truth)
     own = [{each["name"] for each in answer["effects"]} for answer in answers]
     other = sorted(own[0] ^ own[1]) if own else []
     return {
@@ -215,6 +234,7 @@ def one(seed: int, folder: Path, rival: bool = True) -> dict[str, Any]:
         "right": right,
         "beliefs": [each["probability"] for each in found["effects"]],
         "values": [each["change"] for each in found["effects"]],
+        "load_off": off,
         "rival": other,
         "rival_right": rival and other == ([expected] if expected else []),
         "seconds": seconds,
@@ -242,6 +262,11 @@ def main() -> None:
                 f"{sum(e['right'] for e in mine)} of {count}",
                 f"{sum(e['rival_right'] for e in mine)} of {count}",
             )
+    off = np.array([each["load_off"] for each in results if each["load_off"] is not None]).reshape(-1, 2)
+    if len(off):
+        masses, centres = (f"{np.median(part):.1f}, {part.max():.1f}" for part in (100 * off[:, 0], 1e3 * off[:, 1]))
+        table.add_row("mass of a load off in the middle, worst", f"{masses} %", "")
+        table.add_row("its centre off in the middle, worst", f"{centres} mm", "")
     table.add_row(
         "CPU s, middle and most",
         f"{np.median([e['seconds'] for e in results]):.1f}, {max(e['seconds'] for e in results):.1f}",

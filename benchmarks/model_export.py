@@ -35,6 +35,8 @@ RATE, STEP = 250.0, 5e-4
 LOAD = (0.6, (0.0, 0.01, 0.06), (2e-3, 2e-3, 1e-3, 0.0, 0.0, 0.0))
 """Payload of the nominal model: kg, m, kg m2 about it (xx yy zz xy xz yz)."""
 KINDS = ("frictionloss", "damping", "armature")
+FIELDS = {"friction": "frictionloss", "damping": "damping", "armature": "armature"}
+"""Of MuJoCo, by what Poise calls them."""
 HORIZON = 1.0
 """s of a free run."""
 
@@ -170,21 +172,25 @@ def one(seed: int, folder: Path, seconds: float = 30.0, windows: int = 8) -> dic
     errors = [free_run(each, joints, states, efforts, windows) for each in (true, nominal, found)]
     dofs = addresses(found, joints)[1]
     read = {"frictionloss": found.dof_frictionloss, "damping": found.dof_damping, "armature": found.dof_armature}
-    off = [
-        abs(float(np.ravel(read[kind])[dof]) - value) / value
-        for kind in KINDS
-        for dof, value in zip(dofs, planted.values[kind], strict=True)
-        if value > 0
-    ]
+    exports = answer.get("exports", [])
+    said = {(each["joint"], FIELDS[each["kind"]]) for each in (exports[0]["unsure"] if exports else [])}
+    off, unsure = [], []
+    for kind in KINDS:
+        for joint, dof, value in zip(joints, dofs, planted.values[kind], strict=True):
+            if value > 0:
+                off.append(abs(float(np.ravel(read[kind])[dof]) - value) / value)
+                unsure.append((joint, kind) in said)
     held = found.body("held")
     if planted.mass != mass:
         off.append(abs(float(held.mass[0]) - planted.mass) / planted.mass)
+        unsure.append(False)
     return {
         "robot": robot,
         "exit": status,
         "planted": [kind for kind in KINDS if planted.values[kind].any()] + ["payload"] * (planted.mass != mass),
         "named": [each["name"] for each in answer["effects"]],
         "off": off,
+        "unsure": unsure,
         "com_off": float(np.linalg.norm(held.ipos - planted.com)) if planted.mass != mass else None,
         "free_run": dict(zip(("true", "nominal", "exported"), errors, strict=True)),
         "left": (errors[2] - errors[0]) / (errors[1] - errors[0]),
@@ -209,6 +215,10 @@ def main() -> None:
     table = Table("what", f"{len(results)} models")
     table.add_row("planted values: off in the middle", f"{np.median(off):.1%} of {len(off)}")
     table.add_row("within 5 %; within 15 %", f"{np.mean(off < 0.05):.0%}; {np.mean(off < 0.15):.0%}")
+    said = np.array([value for each in results for value in each["unsure"]])
+    for words, kept in (("called unsure", said), ("not called unsure", ~said)):
+        worst = f"worst {off[kept].max():.0%}" if kept.any() else ""
+        table.add_row(words, f"{kept.sum()} values; over 15 %: {np.sum(off[kept] > 0.15)}; {worst}")
     if len(centres):
         middle, worst = 1e3 * np.median(centres), 1e3 * centres.max()
         table.add_row("payload's centre: off in the middle, worst", f"{middle:.1f} mm, {worst:.1f} mm")
@@ -216,8 +226,8 @@ def main() -> None:
     table.add_row("excess error of a free run of 1 s that is removed: middle, least", spread)
     Console().print(table)
     for seed, each in enumerate(results, options.first):
-        said = f"off {np.median(each['off']):.3f}, {np.max(each['off']):.3f}; left {each['left']:.3f}"
-        print(seed, each["robot"], each["planted"], each["named"], said)
+        summary = f"off {np.median(each['off']):.3f}, {np.max(each['off']):.3f}; left {each['left']:.3f}"
+        print(seed, each["robot"], each["planted"], each["named"], summary)
 
 
 if __name__ == "__main__":

@@ -27,10 +27,12 @@ from poise.files import write_whole
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis
 from poise.mismatch.application import (
+    UnsureValue,
     found_payload,
     found_sensor,
     joint_values,
     recorded_run,
+    unsure_values,
     without_place,
     worsening,
 )
@@ -133,17 +135,20 @@ class PreparedExports:
     Args:
         files: target, content and what is not in it.
         kinds: of the files.
+        unsure: values that the recording shows badly.
         error: that ends the command after the answer is printed.
     """
 
     files: tuple[tuple[Path, WrittenModel], ...] = ()
     kinds: tuple[str, ...] = ()
+    unsure: tuple[UnsureValue, ...] = ()
     error: PoiseError | None = None
 
     def as_json(self) -> list[dict[str, object]]:
         """For the answer."""
+        unsure = [each.as_json() for each in self.unsure]
         return [
-            {"kind": kind, "file": str(target), "not_written": list(made.left_out)}
+            {"kind": kind, "file": str(target), "not_written": list(made.left_out), "unsure": unsure}
             for kind, (target, made) in zip(self.kinds, self.files, strict=True)
         ]
 
@@ -157,6 +162,8 @@ class PreparedExports:
             raise self.error
         for clause in dict.fromkeys(clause for _, made in self.files for clause in made.left_out):
             warn(f"--export does not write {clause}")
+        for each in self.unsure:
+            warn(f"--export writes an unsure value: {each.clause}")
         return [write_whole(target, made.content) for target, made in self.files]
 
 
@@ -174,11 +181,13 @@ def prepared_exports(
     try:
         recording = open_recording(bag)
         changes = _changes(found, drives, recording, reading, payload_link)
+        unsure = () if found is None else unsure_values(found, joint_values(found))
+        changes = replace(changes, unsure=tuple(each.clause for each in unsure))
         made = [_written(each, changes, recording, reading.model) for each in requests]
     except PoiseError as error:
         return PreparedExports(error=error)
     targets = [each.target for each in requests]
-    return PreparedExports(tuple(zip(targets, made, strict=True)), tuple(each.kind for each in requests))
+    return PreparedExports(tuple(zip(targets, made, strict=True)), tuple(each.kind for each in requests), unsure)
 
 
 def _written(request: ModelExport, changes: ModelChanges, recording: Recording, nominal: NominalModel) -> WrittenModel:

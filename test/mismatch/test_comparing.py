@@ -119,10 +119,12 @@ def test_what_only_a_leaves_unexplained_is_held_against_b(
     }
     stages: Any = SimpleNamespace(
         model=None,
+        usual=lambda recorded, model: alone[recorded],
         alone=lambda recorded, model: alone[recorded],
         diagnose=lambda this, model: SimpleNamespace(findings=(), held=this, against=model),
     )
     matched: Any = SimpleNamespace(share=0.0)
     found: Any = comparison._through_model("a", "b", matched, stages, [], 0.0)  # type: ignore[arg-type]
     assert found.side == found.diagnosis.held == side
+    assert any("may be hidden" in each for each in found.notes) == (unexplained == "ab")
     assert found.diagnosis.against == ("a" if side == "b" else "b")

@@ -11,7 +11,7 @@ import pytest
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.mismatch import diagnose, load_model, read_recording
-from poise.mismatch.application import joint_values
+from poise.mismatch.application import joint_values, unsure_values
 from poise.mismatch.reading import dump_model, parse_model
 from poise.recording import JointStream, open_recording, write_recording
 
@@ -19,11 +19,20 @@ ARM = Path(__file__).resolve().parents[2] / "examples" / "simulator" / "arm.xml"
 JOINTS = ("turn", "shoulder", "elbow")
 
 
-def efforts(friction: float, armature: float, seconds: float = 14.0) -> JointStream:
-    """Joint states of the example's arm with other friction and rotors, by MuJoCo's inverse dynamics."""
+def efforts(
+    friction: float, armature: float, seconds: float = 14.0, damping: float = 0.3, soft: bool = False
+) -> JointStream:
+    """Joint states of the example's arm with other friction and rotors, by MuJoCo's inverse dynamics.
+
+    soft: the dry friction of the elbow grows up to about its largest speed, as that of a light joint does.
+    """
     spec = mujoco.MjSpec.from_file(str(ARM))
     for joint in spec.joints:
         joint.frictionloss, joint.armature = friction, armature
+        joint.damping = [damping, 0.0, 0.0] if np.ndim(joint.damping) else damping
+    if soft:
+        spec.joint("elbow").solref_friction = [0.2, 1.0]
+        spec.joint("elbow").solimp_friction = [0.1, 0.1, 0.001, 0.5, 2.0]
     model = spec.compile()
     data, times = mujoco.MjData(model), np.arange(0.0, seconds, 0.008)
     rates, sizes = np.array([[0.9, 2.1], [0.7, 1.7], [1.1, 2.3]]), np.array([[0.7, 0.3], [0.5, 0.3], [0.6, 0.3]])
@@ -58,6 +67,24 @@ def test_what_the_file_has_is_predicted_and_friction_may_be_less(tmp_path: Path)
         assert [each.effect.name for each in found.findings] == ["coulomb_friction"]
         values = joint_values(found)
         assert [values[joint]["friction"] for joint in JOINTS] == pytest.approx([0.05] * 3, abs=0.02)
+
+
+def test_dry_friction_that_looks_like_damping_is_unsure(tmp_path: Path) -> None:
+    """A joint that never moves faster than its soft friction grows: another law gives other values."""
+    bare = ARM.read_text().replace('damping="0.3" frictionloss="0.2"', 'damping="0" frictionloss="0"')
+    (tmp_path / "arm.xml").write_text(bare)
+    model = replace(load_model(tmp_path / "arm.xml"), payload_link="held")
+    for soft, joints in ((False, set()), (True, {"elbow"})):
+        write_recording(tmp_path / "run.mcap", {"joint_states": efforts(0.9, 0.02, 14.0, 1.0, soft)})
+        read = read_recording(open_recording(tmp_path / "run.mcap"), model)
+        found = diagnose(read.recorded, read.model)
+        values = joint_values(found)
+        unsure = unsure_values(found, values)
+        assert {each.joint for each in unsure} == joints
+        for each in unsure:
+            true = {"friction": 0.9, "damping": 1.0}[each.kind]
+            assert abs(each.value - true) < 3.0 * each.std
+            assert each.joint in each.clause
 
 
 def test_model_yaml_names_the_file_and_comes_back(tmp_path: Path) -> None:

@@ -112,6 +112,7 @@ class ModelChanges:
         sensor: None: nothing is said of it.
         payload: None: it is as in the model, or no link is named for it.
         left_out: effects that are not written, each with the reason, as clauses.
+        unsure: values that the recording shows badly, as clauses.
     """
 
     joints: Mapping[str, JointChange] = field(default_factory=dict)
@@ -119,6 +120,7 @@ class ModelChanges:
     left_out: tuple[str, ...] = ()
     drives: Mapping[str, DriveChange] = field(default_factory=dict)
     sensor: SensorChange | None = None
+    unsure: tuple[str, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -167,6 +169,7 @@ class ModelChanges:
         if self.payload is not None:
             mass = self.payload.parameters.mass
             lines.append(f"  {self.payload.link}: the payload, {mass:.4f} kg")
+        lines += [f"unsure: {each}" for each in self.unsure]
         lines += [f"not written: {each}" for each in self.left_out]
         return "\n".join(lines).replace("--", "- -")
 

@@ -40,6 +40,7 @@ class JsonModelExporter(ModelExporter):
             "payload": load,
             "sensor": _sensor(changes),
             "not_written": list(changes.left_out),
+            "unsure": list(changes.unsure),
         }
         return WrittenModel((json.dumps(content, indent=2) + "\n").encode(), changes.left_out)
 

@@ -193,6 +193,7 @@ def diagnose(
     last: Mask | None = None,
     library: Sequence[Effect] | None = None,
     *,
+    rivals: bool = True,
     deadline: float = math.inf,
     progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
@@ -204,6 +205,8 @@ def diagnose(
         last: (N,) the wrench samples of the last of several recordings, which no fit sees; None: a single recording,
             whose last 30 % are held out from the fits that prove the answer.
         library: effects to try; None: all.
+        rivals: whether the proven answer is compared with other effects in the place of its own; without that,
+            probabilities count the evidence alone.
         deadline: s after which the search ends with its best answer so far; the fits that prove it are always made.
         progress: is called with the completed share, 0 to 1.
 
@@ -225,7 +228,7 @@ def diagnose(
         limit = TimeLimit(_FOR_SEARCH * left / (len(signals) - number), progress, (number * share, share))
         problem = wrench_problem(recorded, model) if signal == "wrench" else _efforts(recorded, model, examined)
         suspects = frozenset(name for one in examined if one.unknown is not None for name in one.unproven)
-        examined.append(_examined(problem, last, library, limit, suspects))
+        examined.append(_examined(problem, last, library, limit, suspects, rivals))
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
         for effect in (all_effects() if library is None else library)
@@ -272,6 +275,7 @@ def _examined(
     library: Sequence[Effect] | None,
     limit: TimeLimit,
     suspects: frozenset[str],
+    rivals: bool,
 ) -> SignalDiagnosis:
     seen, looked, held = problem, problem, tail(problem)
     if last is not None:
@@ -280,7 +284,7 @@ def _examined(
         seen = replace(problem, judged=~held)
         looked = problem.of(without(problem.recorded, last))
     state, best = search(looked, library, limit)
-    (model, final, best, proof), instead = _with_rivals(state, best, seen, held)
+    (model, final, best, proof), instead = _with_rivals(state, best, seen, held, rivals)
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, best, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
@@ -311,10 +315,12 @@ def _examined(
 
 
 def _with_rivals(
-    state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask
+    state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask, rivals: bool
 ) -> tuple[_Proven, tuple[dict[str, EffectCandidate], ...]]:
     """The proven model after better effects took the place of its own, and what each effect wins in each place."""
     found = _proven(state, best, seen, held)
+    if not rivals:
+        return found, tuple({} for _ in found[0].fit.parts)
     state.limit = state.limit.extended(_FOR_RIVALS / _FOR_SEARCH)
     instead = replacements(state, found[0].fit)
     for _ in range(_REPLACED):

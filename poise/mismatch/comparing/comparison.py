@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.answer import Diagnosis, Verdict, verdict_of
+from poise.mismatch.answer import Diagnosis, Quantity, Verdict, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.change import Change, Recorded, alike, beyond_errors, change_of
 from poise.mismatch.comparing.difference import difference, with_motion_of
@@ -31,6 +31,7 @@ _SKEW = 0.002
 _CLEARLY = 1.02
 """Ratio of the evidence from which the answer about A against B is better than that about B against A."""
 _EQUAL_NOTE = "each recording by itself shows the same {}: it acts on what changed, and is no change"
+_REST_NOTE = "no effect explains all that the model lacks in {}: a change of the rest may be hidden there"
 _SMALL_NOTE = "{} differs by no more than the errors of both answers, and is no change"
 
 
@@ -113,11 +114,11 @@ def compare(
             b, matched = on_a, instead
     ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
     side, found = _likelier(ways, stages)
-    changes, equal = _changes(found, side, a, b, stages)
+    changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     imitated = {each.finding.effect.name for each in equal if each.finding.effect.layer == "friction"}
     if imitated:  # it acts by itself, so that it cannot differ where both have the same: it stands for something else
         found = _one_way(*ways[side], stages, imitated)
-        changes, equal = _changes(found, side, a, b, stages)
+        changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
     kept, small = (kept, []) if same_speed(matched) else _material(kept, side, a, b, stages)
@@ -126,11 +127,16 @@ def compare(
 
 
 def _changes(
-    found: Diagnosis, side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+    found: Diagnosis, side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages, same: bool
 ) -> tuple[list[Change], list[Change]]:
     """The changes that an answer names, and those of them that each recording by itself shows alike."""
     less = a if side == "b" else b
-    changes = [change_of(each, side, stages.own_values(each, less), less) for each in found.findings]
+    if same:
+        owned = [stages.own_values(each, less) for each in found.findings]
+    else:  # as the model has it
+        known = _values(stages.alone(less, stages.for_two))
+        owned = [known.get(each.effect.name, {}) for each in found.findings]
+    changes = [change_of(each, side, own, less) for each, own in zip(found.findings, owned, strict=True)]
     equal = [
         each
         for each in changes
@@ -148,9 +154,16 @@ def _material(
     """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
     less = a if side == "b" else b
     # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
-    own = {each.effect.name: each.parameters for each in stages.alone(less, stages.for_two).findings}
+    alone = stages.alone(less, stages.for_two)
+    own = _values(alone)
     kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
-    return kept, [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
+    notes = [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
+    return kept, notes + [_REST_NOTE.format("A" if side == "b" else "B")] * (alone.unknown is not None)
+
+
+def _values(found: Diagnosis) -> dict[str, dict[str, Quantity]]:
+    """The parameters of each effect that was found."""
+    return {each.effect.name: each.parameters for each in found.findings}
 
 
 def _check_apart(a: RecordedMotion, b: RecordedMotion) -> None:
@@ -175,16 +188,22 @@ def _through_model(
     What no effect explains in A may be what changed: A is then held against B, if B leaves nothing unexplained.
     """
     side: Recorded = "b"
-    this, less, alone = b, a, stages.alone(a, stages.model)
-    if alone.unknown is not None and (of_b := stages.alone(b, stages.model)).unknown is None:
-        side, this, less, alone = "a", a, b, of_b
+    this, less, model = b, a, stages.model
+    # A whole search in A is the last resort.
+    if stages.usual(a, model).unknown is not None and (
+        stages.usual(b, model).unknown is None
+        or (stages.alone(a, model).unknown is not None and stages.alone(b, model).unknown is None)
+    ):
+        side, this, less = "a", a, b
+    alone = stages.alone(less, model)
     found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
-    own = {each.effect.name: each.parameters for each in alone.findings}
+    own = _values(alone)
     changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]
     kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), less))
     lacking = "A" if side == "b" else "B"
     share = f"{matched.share:.0%} of B's motion is also in A"
     said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
+    said += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
     said += [_SMALL_NOTE.format(each.effect.name) for each, c in changes if c not in kept]
     return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 

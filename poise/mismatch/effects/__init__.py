@@ -12,7 +12,7 @@ from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.external_vibration import ExternalVibration
-from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, numbered_joints
+from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, laws_of_dry_friction, numbered_joints
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.saturation import exceeded, limited_readings
@@ -38,6 +38,7 @@ __all__ = [
     "exceeded",
     "joint_columns",
     "joint_unit",
+    "laws_of_dry_friction",
     "limited_readings",
     "numbered_joints",
     "rotation_columns",

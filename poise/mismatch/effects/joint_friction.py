@@ -65,6 +65,17 @@ def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:
     return found
 
 
+def laws_of_dry_friction(recorded: RecordedMotion, joint: int) -> Iterable[Array]:
+    """(M,) how dry friction of 1 N m of a joint (its column) may reverse: smoothly, or as a soft constraint."""
+    track = efforts(recorded)
+    velocity = track.velocity[:, joint]
+    for start in transitions():
+        yield np.tanh(velocity / start[TRANSITION.name])
+    ahead = velocity + RAMP_DEFAULTS["lead"] * track.acceleration[:, joint]
+    for ramp in _RAMPS:
+        yield np.clip(ahead / ramp, -1.0, 1.0)
+
+
 def efforts(recorded: RecordedMotion) -> EffortTrack:
     """The joint efforts of a recording that has them.
 

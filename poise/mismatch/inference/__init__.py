@@ -1,6 +1,7 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
+from poise.mismatch.inference.coarse import averaged_efforts
 from poise.mismatch.inference.fitting import (
     EffectCandidate,
     HypothesisFit,
@@ -46,6 +47,7 @@ __all__ = [
     "Variation",
     "alike",
     "allowed_excess",
+    "averaged_efforts",
     "dependence_curve",
     "effort_problem",
     "effort_sizes",
