@@ -39,8 +39,7 @@ _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 _NEAR_STEPS, _NEAR_EARLIER = 15, 25
 """Newton steps to an equilibrium from a state that may be near, at collapse or earlier."""
-_EARLIER = 0.8
-"""The share of its factor up to which states on the way to it count as earlier ones."""
+_EARLIER = 0.8  # share of its factor up to which states on the way to it count as earlier ones
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -97,12 +96,7 @@ class CoulombBlock:
         self.geometry = geometry
         self.contacts = ElasticContacts(geometry, interfaces, order)
 
-    def settle(
-        self,
-        load: Array,
-        start: Array | None = None,
-        deadline: Deadline = NO_DEADLINE,
-    ) -> ElasticState:
+    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
         """Find the equilibrium under a load (6 n,), gravity included, in the block's units.
 
         Args:
@@ -231,9 +225,9 @@ class CoulombBlock:
             path = follow(reach, rest, response, load, min(most, enough), weight, FACTOR_TOLERANCE, begin)
             best = path.best
             if best.factor >= least and (path.ended or best.factor >= enough):
-                twist, early = self._response(path.end, load), path.up_to(_EARLIER * best.factor)
-                earlier = early.displacement if early.factor > 0 else None
-                return ElasticFactor(min(best.factor, most), True, twist, best.displacement, earlier)
+                early = path.up_to(_EARLIER * best.factor)
+                ways = best.displacement, early.displacement if early.factor > 0 else None
+                return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), *ways)
         return None
 
     def motion(self, displacement: Array, load: Array) -> Array:
