@@ -6,7 +6,7 @@
 #include <string.h>
 
 int64_t bodies_room(const struct bodies *bodies, int symmetric) {
-  return BLOCK * (bodies->count + (symmetric ? 1 : 2) * bodies->below);
+  return BLOCK * (bodies->count + (symmetric ? 1 : 2) * bodies->below) + BEYOND;
 }
 
 struct body_matrix bodies_laid_out(const struct bodies *bodies, int symmetric, double *room, int64_t *whole) {
@@ -36,15 +36,21 @@ void bodies_add(const struct bodies *bodies, struct body_matrix *matrix, int64_t
     for (int j = 0; j < SIDE; j++) above[SIDE * j + i] -= stiffness[SIDE * i + j];
 }
 
-/* out -= a b^T, with b^T given as rows. */
-static POISE_INLINE void subtract_product(double *restrict out, const double *restrict a, const double *restrict turned) {
+/* out -= a b^T, with b^T given as `turned`. Reads two numbers beyond `out`. */
+static POISE_INLINE void subtract_product(double *restrict out, const double *restrict a,
+                                          const row_of_block *restrict turned) {
+  row_of_block rows[SIDE];
   for (int i = 0; i < SIDE; i++) {
-    double sum[SIDE];
-    for (int j = 0; j < SIDE; j++) sum[j] = out[SIDE * i + j];
-    for (int k = 0; k < SIDE; k++)
-      for (int j = 0; j < SIDE; j++) sum[j] -= a[SIDE * i + k] * turned[SIDE * k + j];
-    for (int j = 0; j < SIDE; j++) out[SIDE * i + j] = sum[j];
+    read_row(out + SIDE * i, rows + i);
+    for (int k = 0; k < SIDE; k++) rows[i] -= a[SIDE * i + k] * turned[k];
   }
+  put_rows(rows, out);
+}
+
+/* b^T as rows. */
+static POISE_INLINE void turn(const double *b, row_of_block *turned) {
+  for (int k = 0; k < SIDE; k++)
+    turned[k] = (row_of_block){b[k], b[SIDE + k], b[2 * SIDE + k], b[3 * SIDE + k], b[4 * SIDE + k], b[5 * SIDE + k]};
 }
 
 static POISE_INLINE void transpose(const double *a, double *out) {
@@ -119,13 +125,13 @@ static void exchange_columns(double *a, const int64_t *exchanges) {
 /* Take what column k contributes from the columns after it. */
 static POISE_INLINE void eliminate(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
   const int64_t first = bodies->starts[k], last = bodies->starts[k + 1];
-  double turned[BLOCK], turned_lower[BLOCK] = {0.0};
+  row_of_block turned[SIDE] = {{0.0}}, turned_lower[SIDE] = {{0.0}};
   for (int64_t b = first; b < last; b++) {
     const int64_t column = bodies->rows[b];
     for (int64_t c = bodies->starts[column]; c < bodies->starts[column + 1]; c++) matrix->where[bodies->rows[c]] = c;
-    transpose((matrix->upper ? matrix->upper : matrix->lower) + BLOCK * b, turned);
+    turn((matrix->upper ? matrix->upper : matrix->lower) + BLOCK * b, turned);
     subtract_product(matrix->diagonal + BLOCK * column, matrix->lower + BLOCK * b, turned);
-    if (matrix->upper) transpose(matrix->lower + BLOCK * b, turned_lower);
+    if (matrix->upper) turn(matrix->lower + BLOCK * b, turned_lower);
     for (int64_t a = b + 1; a < last; a++) {
       const int64_t at = matrix->where[bodies->rows[a]];
       subtract_product(matrix->lower + BLOCK * at, matrix->lower + BLOCK * a, turned);

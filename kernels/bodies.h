@@ -2,9 +2,23 @@
 #ifndef POISE_BODIES_H
 #define POISE_BODIES_H
 
+#include <string.h>
+
 #include "poise_kernels.h"
 
-enum { SIDE = 6, BLOCK = 36 };
+enum { SIDE = 6, BLOCK = 36, BEYOND = 2 };
+
+/* A row of a block, and `BEYOND` numbers more that nothing depends on: eight fill a wide vector. */
+typedef double row_of_block __attribute__((vector_size((SIDE + BEYOND) * sizeof(double))));
+
+/* The row at a place, with what is beyond it. */
+static POISE_INLINE void read_row(const double *place, row_of_block *row) { memcpy(row, place, sizeof *row); }
+
+/* out (6, 6) = rows */
+static POISE_INLINE void put_rows(const row_of_block *rows, double *out) {
+  for (int i = 0; i < SIDE - 1; i++) memcpy(out + SIDE * i, rows + i, sizeof *rows); /* the next row covers its end */
+  memcpy(out + SIDE * (SIDE - 1), rows + SIDE - 1, SIDE * sizeof(double));
+}
 
 /* Bodies are numbered in the order of elimination. Blocks below the diagonal are stored column after column. */
 struct bodies {

@@ -167,7 +167,7 @@ static int scale(const double *s, const double *z, int64_t size, struct scaling 
 }
 
 /* out = W u, or W^-1 u */
-static inline void apply_scaling(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
+static POISE_INLINE void apply_scaling(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
   if (size == 1) {
     out[0] = inverse ? u[0] / w->eta : u[0] * w->eta;
     return;
@@ -219,7 +219,7 @@ static double reach(const double *u, const double *d, int64_t size) {
 }
 
 /* Factor A' W^-2 A: the locals of each pair are eliminated, then the bodies. */
-static int factor(struct solver *solver) {
+POISE_WIDE static int factor(struct solver *solver) {
   const struct cone_program *program = solver->program;
   const struct layout *at = &solver->at;
   const int64_t size = size_of(program);
@@ -229,7 +229,8 @@ static int factor(struct solver *solver) {
     const int64_t locals = program->locals[e], width = SIDE + locals;
     const double *entry = program->entries + at->entry[e];
     double *scaled = solver->scaled, *square = solver->squares + at->square[e], *taken = square + locals * locals;
-    double stiffness[BLOCK] = {0.0};
+    row_of_block total[SIDE] = {{0.0}};
+    double stiffness[BLOCK];
     int64_t rows = 0;
     for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++, cone++) {
       const int64_t high = c < program->singles[e] ? 1 : program->wide;
@@ -248,9 +249,11 @@ static int factor(struct solver *solver) {
       rows += high;
     }
     scaled = solver->scaled;
-    for (int64_t r = 0; r < rows; r++, scaled += width)
-      for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++) stiffness[SIDE * i + j] += scaled[i] * scaled[j];
+    for (int64_t r = 0; r < rows; r++, scaled += width) {
+      row_of_block row;
+      read_row(scaled, &row);
+      for (int i = 0; i < SIDE; i++) total[i] += scaled[i] * row;
+    }
     if (locals) {
       memset(square, 0, sizeof(double) * (size_t)(locals * width));
       scaled = solver->scaled;
@@ -268,10 +271,13 @@ static int factor(struct solver *solver) {
           for (int64_t k = 0; k < i; k++) sum -= square[i * locals + k] * taken[k * SIDE + j];
           taken[i * SIDE + j] = sum / square[i * locals + i];
         }
-      for (int64_t k = 0; k < locals; k++)
-        for (int i = 0; i < SIDE; i++)
-          for (int j = 0; j < SIDE; j++) stiffness[SIDE * i + j] -= taken[k * SIDE + i] * taken[k * SIDE + j];
+      for (int64_t k = 0; k < locals; k++) {
+        row_of_block row;
+        read_row(taken + k * SIDE, &row);
+        for (int i = 0; i < SIDE; i++) total[i] -= taken[k * SIDE + i] * row;
+      }
     }
+    put_rows(total, stiffness);
     bodies_add(&program->bodies, &solver->matrix, e, stiffness);
   }
   double largest = 0.0;
@@ -581,21 +587,22 @@ static double *prepare(const struct cone_program *program, struct solver *solver
   const struct layout *at = &solver->at;
   const int64_t x = at->unknowns, z = at->rows + 1, body_room = bodies_room(&program->bodies, 1);
   const int64_t scalings = (int64_t)(sizeof(struct scaling) / sizeof(double)) * at->cones;
-  *kept = body_room + at->squares + scalings + 2 * x + 3 * z;
-  const int64_t total = *kept + at->most_rows * (SIDE + at->most_locals) + 6 * x + 9 * z;
+  const int64_t scaled = at->most_rows * (SIDE + at->most_locals) + BEYOND;
+  *kept = body_room + at->squares + BEYOND + scalings + 2 * x + 3 * z;
+  const int64_t total = *kept + scaled + 6 * x + 9 * z;
   double *room = calloc((size_t)total, sizeof(double)), *next = room;
   if (!room) return NULL;
 #define TAKE(name, count) (name) = next, next += (count)
   solver->matrix = bodies_laid_out(&program->bodies, 1, next, whole);
   next += body_room;
-  TAKE(solver->squares, at->squares);
+  TAKE(solver->squares, at->squares + BEYOND);
   solver->scaling = (struct scaling *)next, next += scalings;
   TAKE(solver->pulled, x);
   TAKE(it->x, x);
   TAKE(it->s, z);
   TAKE(it->z, z);
   TAKE(it->middle, z);
-  TAKE(solver->scaled, at->most_rows * (SIDE + at->most_locals));
+  TAKE(solver->scaled, scaled);
   TAKE(solver->repaired_x, x);
   TAKE(solver->rest_x, x);
   TAKE(it->dx, x);

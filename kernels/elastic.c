@@ -31,7 +31,7 @@ static double seconds(void) {
 static int64_t springs_of(const struct elastic *contacts) { return contacts->springs[contacts->bodies.pairs]; }
 
 /* out (springs, 3) = motion of the second body relative to the first at each spring */
-static void spring_motions(const struct elastic *contacts, const double *u, double *restrict out) {
+POISE_WIDE static void spring_motions(const struct elastic *contacts, const double *u, double *restrict out) {
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     double motion[SIDE];
     relative_motion(&contacts->bodies, pair, u, motion);
@@ -45,7 +45,7 @@ static void spring_motions(const struct elastic *contacts, const double *u, doub
 }
 
 /* Force (3) of a spring; friction is limited by `bound`, or by Coulomb's law where that is NULL. */
-static void spring_force(const struct elastic *contacts, int64_t p, const double *motion, const double *bound,
+static POISE_INLINE void spring_force(const struct elastic *contacts, int64_t p, const double *motion, const double *bound,
                          double *force) {
   const double k = contacts->stiffness[p];
   for (int i = 0; i < 3; i++) force[i] = -k * motion[i];
@@ -66,7 +66,7 @@ static void spring_force(const struct elastic *contacts, int64_t p, const double
 }
 
 /* out (6 n) = what springs and catch leave of a load, negated */
-static void left_over(const struct elastic *contacts, const double *u, const double *load, const double *relative,
+POISE_WIDE static void left_over(const struct elastic *contacts, const double *u, const double *load, const double *relative,
                       const double *bounds, double *restrict out) {
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
@@ -97,7 +97,7 @@ static double energy(const struct elastic *contacts, const double *u, const doub
 
 /* The derivative of a spring's force (3, 3), negated: what opens keeps a trace of stiffness. Without a motion, nothing
    opens or slips. */
-static void spring_stiffness(const struct elastic *contacts, int64_t p, const double *motion, const double *bounds,
+static POISE_INLINE void spring_stiffness(const struct elastic *contacts, int64_t p, const double *motion, const double *bounds,
                              double damping, double own[3][3]) {
   memset(own, 0, 9 * sizeof(double));
   if (!motion) {
@@ -124,22 +124,25 @@ static void spring_stiffness(const struct elastic *contacts, int64_t p, const do
 
 POISE_WIDE static void assemble(const struct elastic *contacts, const double *relative, const double *bounds, double damping,
                      struct body_matrix *matrix) {
+  const int64_t last = springs_of(contacts) - 1;
+  double last_wrench[3 * SIDE + BEYOND] = {0.0};
+  if (last >= 0) memcpy(last_wrench, contacts->wrenches + 3 * SIDE * last, 3 * SIDE * sizeof(double));
   bodies_clear(&contacts->bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
-    double total[BLOCK] = {0.0};
+    row_of_block total[SIDE] = {{0.0}};
+    double stiffness[BLOCK];
     for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; p++) {
-      const double *wrench = contacts->wrenches + 3 * SIDE * p;
-      double own[3][3], rows[3][SIDE];
+      const double *wrench = p == last ? last_wrench : contacts->wrenches + 3 * SIDE * p;
+      double own[3][3];
+      row_of_block unit[3], rows[3];
+      for (int i = 0; i < 3; i++) read_row(wrench + SIDE * i, unit + i);
       spring_stiffness(contacts, p, relative ? relative + 3 * p : NULL, bounds, damping, own);
-      for (int i = 0; i < 3; i++)
-        for (int j = 0; j < SIDE; j++)
-          rows[i][j] = own[i][0] * wrench[j] + own[i][1] * wrench[SIDE + j] + own[i][2] * wrench[2 * SIDE + j];
+      for (int i = 0; i < 3; i++) rows[i] = own[i][0] * unit[0] + own[i][1] * unit[1] + own[i][2] * unit[2];
       for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
-          total[SIDE * i + j] +=
-              wrench[i] * rows[0][j] + wrench[SIDE + i] * rows[1][j] + wrench[2 * SIDE + i] * rows[2][j];
+        total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
     }
-    bodies_add(&contacts->bodies, matrix, pair, total);
+    put_rows(total, stiffness);
+    bodies_add(&contacts->bodies, matrix, pair, stiffness);
   }
 }
 

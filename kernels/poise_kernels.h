@@ -15,10 +15,10 @@
 
 enum { POISE_OK = 0, POISE_NO_MEMORY = 1, POISE_NOT_POSITIVE = 2, POISE_SINGULAR = 3 };
 
-/* Functions that exist a second time for processors with wide vectors (AVX2), from the same operations in the same
+/* Functions that exist again for processors with wide vectors (AVX2, AVX-512), from the same operations in the same
    order, so that they round alike; the loader chooses. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define POISE_WIDE __attribute__((target_clones("avx2", "default")))
+#define POISE_WIDE __attribute__((target_clones("avx512f", "avx2", "default")))
 #define POISE_INLINE inline __attribute__((always_inline)) /* into both */
 #else
 #define POISE_WIDE

@@ -45,3 +45,11 @@ def test_a_path_may_begin_at_an_equilibrium():
     enough = follow(reach, np.zeros(1), ONE, ONE, 5.0, 1.0, 0.004, begin)
     assert enough.ended
     assert enough.best.factor == 6.0
+
+
+def test_an_earlier_equilibrium_is_the_last_one_up_to_a_factor():
+    reach, _ = spring(limit=7.0)
+    found = follow(reach, np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004)
+    earlier = found.up_to(0.8 * found.best.factor)
+    assert 0 < earlier.factor <= 0.8 * 7.0
+    assert found.up_to(-1.0) is found.points[0]

@@ -6,7 +6,7 @@ from rest; the others begin at states between those of their neighbours, which i
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -120,15 +120,19 @@ class ElasticLimits:
 
     def _between(self, row: int, chord: Chord, enough: float) -> ElasticFactor | None:
         """Followed from an equilibrium near those of both neighbours; None: none holds as much as convexity says."""
-        first, second = (self._states[azimuth].displacement for azimuth in chord.azimuths)
-        if first is None or second is None:
+        starts = [start for earlier in (False, True) if (start := self._mixed(chord, earlier)) is not None]
+        if not starts:
             return None
-        nearest = second if chord.weights[1] > chord.weights[0] else first
-        starts = chord.weights[0] * first + chord.weights[1] * second, nearest
         load, most = self._load(row), float(self.most[row])
         least = (1 - _CLOSE) * min(chord.reach, most)
         enough = min(enough, (1 - _NEARLY) * self._upper(row))
         return self.block.solvers.coulomb.beside(load, starts, least, most, enough, self.deadline)
+
+    def _mixed(self, chord: Chord, earlier: bool) -> Array | None:
+        """(6 n,) the displacement between those of both neighbours, or those earlier on the way to them."""
+        states = [self._states[azimuth] for azimuth in chord.azimuths]
+        first, second = (state.earlier if earlier else state.displacement for state in states)
+        return None if first is None or second is None else chord.weights[0] * first + chord.weights[1] * second
 
     def _from_rest(self, row: int, enough: float) -> ElasticFactor:
         """Up to where elastic contacts, followed from rest, hold; `enough`, or nearly what limit analysis holds, is."""
@@ -162,6 +166,8 @@ class ElasticLimits:
         self.falls.pop(row, None)
         if azimuth is not None and found.known:
             self._elastic.add(azimuth, found.value)
+            if found.earlier is None and (chord := self._elastic.chord(azimuth)) is not None:
+                found = replace(found, earlier=self._mixed(chord, True))
             self._states[azimuth] = found
         twist = found.twist
         if twist is None and found.displacement is not None and found.value < self.most[row]:

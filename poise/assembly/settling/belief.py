@@ -23,6 +23,8 @@ _KNOWN = 4e-4
 """m, one sigma of distances that follow from others."""
 _EXACT = 1e-6
 """m and rad, one sigma of what is known exactly."""
+_LACKING = 1e-9
+"""m by which a distance may be below its bound."""
 _REACH = 4e-3
 """m: distances that are larger than their bound by more than this are not looked at in one iteration."""
 
@@ -105,6 +107,7 @@ class Belief:
     def __init__(self, bodies: SeenBodies, rows: DistanceRows) -> None:
         self.distance, self.of_first, self.of_second = rows.linearised(bodies.poses)
         self._slots = bodies.slot[rows.first[::POINTS]], bodies.slot[rows.second[::POINTS]]
+        self._sides = (self.of_first, self._slots[0]), (self.of_second, self._slots[1])
         self.accepted: list[int] = []
         self.mean = np.zeros(6 * bodies.count)
         self.covariance = block_diag(*bodies.covariance)
@@ -116,11 +119,20 @@ class Belief:
         block = (self.of_first if of_first else self.of_second)[rows]
         return np.asarray(block @ self.mean[6 * slot : 6 * slot + 6] if slot >= 0 else np.zeros(POINTS))
 
-    def expected(self, number: int) -> tuple[Array, Array]:
-        """Mean (POINTS,), m, and covariance (POINTS, POINTS) of the distances of one place."""
-        distance, jacobian, columns = self._local(number)
-        found = jacobian @ self.covariance[columns[:, None], columns] @ jacobian.T
-        return distance + jacobian @ self.mean[columns], found
+    def expected(self, numbers: Indices) -> tuple[Array, Array]:
+        """Means (K, POINTS), m, and covariances (K, POINTS, POINTS) of the distances of K places."""
+        rows = POINTS * numbers[:, None] + np.arange(POINTS)
+        blocks = [np.where(slot[numbers] >= 0, 1.0, 0.0)[:, None, None] * of[rows] for of, slot in self._sides]
+        slots = [slot[numbers] for _, slot in self._sides]
+        mean, each = self.mean.reshape(-1, 6), self.covariance.reshape(len(self.mean) // 6, 6, -1, 6)
+        distance = self.distance[rows]
+        for block, slot in zip(blocks, slots, strict=True):
+            distance = distance + (block @ mean[slot][:, :, None])[:, :, 0]
+        own = [
+            block @ each[slot, :, slot] @ block.transpose(0, 2, 1) for block, slot in zip(blocks, slots, strict=True)
+        ]
+        across = blocks[0] @ each[slots[0], :, slots[1]] @ blocks[1].transpose(0, 2, 1)
+        return distance, own[0] + own[1] + across + across.transpose(0, 2, 1)
 
     def accept(self, number: int) -> None:
         """Condition on distances of zero, to within `_FIT`, unless they follow from those before."""
@@ -177,12 +189,16 @@ def most_likely(
         height, slopes = bodies.jacobian(apart, poses)
         lacking = bounds - height - slopes @ steps
         close = np.flatnonzero(lacking > -_REACH)
-        if np.any(lacking > 0):
-            slopes = slopes[close]
-            free = bodies.times_covariance(slopes)
+        slopes, lacking, inexact = slopes[close], lacking[close], slack[close] ** 2
+        needed, moves = np.zeros(len(close), dtype=bool), np.zeros_like(steps)
+        # Few bounds push: only those that lack something, one after the other, are part of the program.
+        while np.any(lacks := ~needed & (lacking - slopes @ moves > _LACKING)):
+            needed |= lacks
+            some = slopes[needed]
+            free = bodies.times_covariance(some)
             free -= across @ cho_solve(system, jacobian @ free)
-            root = cholesky(slopes @ free + np.diag(slack[close] ** 2), lower=True)
-            forces = nnls(root.T, solve_triangular(root, lacking[close], lower=True))[0]
-            steps = steps + free @ forces
+            root = cholesky(some @ free + np.diag(inexact[needed]), lower=True)
+            moves = free @ nnls(root.T, solve_triangular(root, lacking[needed], lower=True))[0]
+        steps = steps + moves
         poses = bodies.stepped(poses, steps)
     return poses

@@ -116,8 +116,8 @@ def _resting_on(belief: Belief, numbers: Indices, most: Array) -> list[int]:
     """Those of the faces under (or over) a body, the highest first, that carry it; most: (C,) squared distances."""
     accepted = []
     for number in numbers.tolist():
-        mean, covariance = belief.expected(number)
-        if _square(mean, covariance) <= most[number]:
+        mean, covariance = belief.expected(np.array([number]))
+        if _square(mean[0], covariance[0]) <= most[number]:
             belief.accept(number)
             accepted.append(number)
     return accepted
@@ -142,10 +142,11 @@ def _likely(
     level: (C,) probabilities above which they are, if nothing is drawn.
     """
     in_line = candidates.in_line
-    order = sorted(numbers.tolist(), key=lambda number: -_chance(belief, number, bool(in_line[number])))
+    numbers = numbers[np.argsort(-_chances(belief, numbers, in_line[numbers]), kind="stable")]
     accepted, rejected, chances = [], [], {}
-    for number in order:
-        chance = chances[number] = _chance(belief, number, bool(in_line[number]))
+    for number in numbers.tolist():
+        some = np.array([number])
+        chance = chances[number] = float(_chances(belief, some, in_line[some])[0])
         if chance > (level[number] if rng is None else rng.random()):
             belief.accept(number)
             accepted.append(number)
@@ -154,30 +155,36 @@ def _likely(
     return accepted, rejected, chances
 
 
-def _chance(belief: Belief, number: int, in_line: bool) -> float:
-    """Probability that two faces side by side touch, or are in line, before any other evidence as likely as not.
+def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
+    """(K,) probabilities that faces side by side touch, or are in line, before any other evidence as likely as not.
 
     If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far),
     and all angles up to some degrees.
+
+    Args:
+        belief: what is known.
+        numbers: (K,) of the candidates. in_line: (K,) whether the question is that.
     """
-    mean, covariance = belief.expected(number)
-    covariance = covariance + _CONSISTENT**2 * np.eye(POINTS)
-    gap, variance = float(MIDDLE @ mean), float(MIDDLE @ covariance @ MIDDLE)
-    gain = covariance @ MIDDLE / variance
-    values, axes = np.linalg.eigh(covariance - np.outer(gain, gain) * variance)
-    turned = (axes.T @ (mean - gain * gap))[1:]  # the first is the gap itself, which leaves no variance
-    values = values[1:]
-    odds = -float(np.sum(turned**2 / values)) / 2
+    if not len(numbers):
+        return np.zeros(0)
+    mean, covariance = belief.expected(numbers)
+    covariance += _CONSISTENT**2 * np.eye(POINTS)
+    gap, along = mean @ MIDDLE, covariance @ MIDDLE
+    variance = along @ MIDDLE
+    values, axes = np.linalg.eigh(covariance - along[:, :, None] * along[:, None, :] / variance[:, None, None])
+    turned = np.einsum("kij,ki->kj", axes, mean - along * (gap / variance)[:, None])
+    turned, values = turned[:, 1:], values[:, 1:]  # the first is the gap itself, which leaves no variance
+    odds = -np.sum(turned**2 / values, axis=1) / 2
     # In directions that contacts already fix, distances other than zero are not as likely as zero.
-    odds += float(np.sum(np.log(_TURNED / np.sqrt(2 * np.pi * values[values > 4 * _CONSISTENT**2]))))
+    free = values > 4 * _CONSISTENT**2
+    odds += np.sum(np.log(_TURNED / np.sqrt(2 * np.pi * np.where(free, values, 1.0))) * free, axis=1)
     std = np.sqrt(variance)
-    if std > 4 * _CONSISTENT:
-        ends = (-_ASIDE / 2, _ASIDE / 2) if in_line else (CONTACT_MARGIN, _ASIDE)
-        apart = (ndtr((ends[1] - gap) / std) - ndtr((ends[0] - gap) / std)) / _ASIDE
-        odds += -(gap**2) / (2 * variance) - float(np.log(max(apart, 1e-30) * std * np.sqrt(2 * np.pi)))
-    else:
-        odds += _SURE if abs(gap) < CONTACT_MARGIN else -_SURE
-    return float(1 / (1 + np.exp(-np.clip(odds, -_SURE, _SURE))))
+    near = np.where(in_line, -_ASIDE / 2, CONTACT_MARGIN)
+    far = np.where(in_line, _ASIDE / 2, _ASIDE)
+    apart = (ndtr((far - gap) / std) - ndtr((near - gap) / std)) / _ASIDE
+    uncertain = -(gap**2) / (2 * variance) - np.log(np.maximum(apart, 1e-30) * std * np.sqrt(2 * np.pi))
+    odds += np.where(std > 4 * _CONSISTENT, uncertain, np.where(np.abs(gap) < CONTACT_MARGIN, _SURE, -_SURE))
+    return np.asarray(1 / (1 + np.exp(-np.clip(odds, -_SURE, _SURE))))
 
 
 def _square(mean: Array, covariance: Array) -> float:

@@ -37,8 +37,9 @@ _LITTLE, _AGAIN = 1e-4, 2
 """The least damping, and after so many whole steps in a row it is reduced."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
-_NEAR_STEPS, _NEARER = 15, 0.5
-"""Newton steps to an equilibrium from a state that may be near; where it is not, from this share of the way to it."""
+_NEAR_STEPS, _NEAR_EARLIER = 15, 25
+"""Newton steps to an equilibrium from a state that may be near, at collapse or earlier."""
+_EARLIER = 0.8  # share of its factor up to which states on the way to it count as earlier ones
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -71,12 +72,14 @@ class ElasticFactor:
         known: it stands at none that is much larger; otherwise the deadline passed.
         twist: (6 n,) the motion in which it collapses; None when it does not.
         displacement: (6 n,) in the state in which it stands; None when it does not.
+        earlier: (6 n,) displacement on the way to that state, under a smaller factor; None where none is known.
     """
 
     value: float
     known: bool
     twist: Array | None = None
     displacement: Array | None = None
+    earlier: Array | None = None
 
 
 class CoulombBlock:
@@ -93,12 +96,7 @@ class CoulombBlock:
         self.geometry = geometry
         self.contacts = ElasticContacts(geometry, interfaces, order)
 
-    def settle(
-        self,
-        load: Array,
-        start: Array | None = None,
-        deadline: Deadline = NO_DEADLINE,
-    ) -> ElasticState:
+    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
         """Find the equilibrium under a load (6 n,), gravity included, in the block's units.
 
         Args:
@@ -190,11 +188,12 @@ class CoulombBlock:
             # everything far; what contacts that stick would yield leads to where some stick again.
             path = follow(reach, rest.displacement, self._glued(load), load, most, weight, tolerance)
         best = path.best
+        earlier = path.up_to(_EARLIER * best.factor).displacement
         if best.factor >= most:
-            return ElasticFactor(min(best.factor, above), True, None, best.displacement)
+            return ElasticFactor(min(best.factor, above), True, None, best.displacement, earlier)
         if not path.ended and deadline.passed:
             return ElasticFactor(best.factor, False)
-        return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement)
+        return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement, earlier)
 
     def beside(
         self,
@@ -207,7 +206,8 @@ class CoulombBlock:
     ) -> ElasticFactor | None:
         """As `factor`, followed from an equilibrium near a displacement (6 n,), such as between those of other loads.
 
-        Where there is none, from one that is nearer to rest.
+        Args:
+            starts: one near collapse, and one earlier on the way to it, which is tried where the first leads nowhere.
 
         Returns:
             None where none was found, or less than the `least` factor.
@@ -217,15 +217,17 @@ class CoulombBlock:
         def reach(start: Array, steps: int) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, steps, deadline)
 
-        for share, start in [*((1.0, start) for start in starts), (_NEARER, starts[0])]:
-            begin = reach(rest + share * (start - rest), _NEAR_STEPS)
+        for start, steps in zip(starts, (_NEAR_STEPS, _NEAR_EARLIER), strict=False):
+            begin = reach(start, steps)
             if begin is None or not begin.held or load @ (begin.displacement - rest) <= 0:
                 continue
             response = self._response(begin.displacement, load)
             path = follow(reach, rest, response, load, min(most, enough), weight, FACTOR_TOLERANCE, begin)
             best = path.best
             if best.factor >= least and (path.ended or best.factor >= enough):
-                return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), best.displacement)
+                early = path.up_to(_EARLIER * best.factor)
+                ways = best.displacement, early.displacement if early.factor > 0 else None
+                return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), *ways)
         return None
 
     def motion(self, displacement: Array, load: Array) -> Array:

@@ -62,6 +62,10 @@ class LoadPath:
         """The equilibrium with the largest factor."""
         return max(self.points, key=lambda point: point.factor)
 
+    def up_to(self, factor: float) -> PathPoint:
+        """The last equilibrium on the way with no more than a factor."""
+        return next((point for point in reversed(self.points) if point.factor <= factor), self.points[0])
+
 
 EquilibriumSearch = Callable[[Array, int], PathPoint | None]
 """From a displacement to the equilibrium at which the load has the same power; None where none is found after so many
