@@ -111,7 +111,10 @@ class Polyhedron:
         if len(triangles) == 1:
             return triangles[0]
         # Triangles of a plane share whole edges; the few that overlap, as bent facets do in projection, take longer.
-        whole = shapely.coverage_union_all(triangles)
+        try:
+            whole = shapely.coverage_union_all(triangles)
+        except shapely.errors.GEOSException:  # their edges cross: a bent facet of a scanned mesh
+            return shapely.union_all(triangles)
         areas = float(shapely.area(triangles).sum())
         if whole.is_valid and abs(whole.area - areas) <= 1e-9 * areas:
             return whole
