@@ -126,8 +126,10 @@ class Carrying:
 
     def held_by(self, grip: Grip | None) -> None:
         """How the fingers hold what is in the hand; None: not known."""
-        self._grip = grip if self._values["fingers_show_grasp"] else None
-        if grip is None and self._values["fingers_show_grasp"]:
+        if not self._values["fingers_show_grasp"]:
+            return
+        self._grip = grip
+        if grip is None:
             self.assumptions.append("how the fingers hold the object is not known: a drop on the way is not noticed")
 
     @property
