@@ -31,6 +31,8 @@ from poise_msgs.srv import SetAssembly
 _STEP = 0.02
 _LOOK = 0.2
 """s between looks at the processes."""
+_LOOKS = 3
+"""Looks after which a node that was killed is seen to have ended."""
 _NEWS = 15.0
 """s in which the world has to show what an action did."""
 _SOLIDS = 40.0
@@ -83,7 +85,7 @@ class NodesRobot:
         self._joints: tuple[float, np.ndarray] = (0.0, np.zeros(0))
         self._heard = 0.0
         self._before: dict[str, np.ndarray] = {}
-        self._looked = 0.0
+        self._looked, self._looks = 0.0, 0
         self.planning = 0.0
         """s that nodes planned and computed, by their results."""
         self._truth = LoopTruth(node, values["world"], self._frames) if values["world"] else None
@@ -147,7 +149,7 @@ class NodesRobot:
             if now > until and time.monotonic() > until_on_machine:
                 raise NoAnswerError(ErrorCode.DEADLINE, f"there was no {what} within {seconds:.0f} s")
             if time.monotonic() > self._looked + _LOOK:  # the simulated clock stands still for a node that has ended
-                self._looked = time.monotonic()
+                self._looked, self._looks = time.monotonic(), self._looks + 1
                 if heed and node in self._check():
                     raise NodeEndedError(node)
             self._executor.spin_once(timeout_sec=_STEP)
@@ -200,8 +202,8 @@ class NodesRobot:
         status, result = answer.result().status, answer.result().result
         if result.error.code == ErrorCode.INTERNAL:
             # The watchdog of a node that was killed answers for it, before its process is seen to have ended.
-            seen = time.monotonic() + 3.0 * _LOOK
-            self.wait(lambda: time.monotonic() > seen, _ACCEPTED, f"end of {node}", node)
+            enough = self._looks + _LOOKS
+            self.wait(lambda: self._looks >= enough, _ACCEPTED, f"end of {node}", node)
         if result.error.code != ErrorCode.OK:
             raise NoAnswerError(ErrorCode(result.error.code), f"{name}: {result.error.message}")
         if status != GoalStatus.STATUS_SUCCEEDED:  # a result that its node did not fill in has the code OK, too

@@ -103,8 +103,8 @@ def test_a_node_that_was_killed_has_ended_although_its_watchdog_still_answers(
     sent.result.return_value, handle.get_result_async.return_value = handle, answer
     answer.result.return_value = SimpleNamespace(status=6, result=said)
     robot._clients["pick_object"].send_goal_async.return_value = sent
-    looks = iter([[], ["object_picker"]])  # three fit into the wait, unless the machine is busy
-    robot._check = lambda: next(looks)
+    looks = iter([[], [], ["object_picker"]])
+    robot._check = lambda: time.sleep(0.1) or next(looks)  # a busy machine: each look takes longer than it may wait
     with pytest.raises(NodeEndedError):
         robot._do("pick_object")
     robot._check = lambda: []
