@@ -221,6 +221,10 @@ class Effect(ABC):
         linear = np.array([values[p.name] for p in self.parameters(recorded) if p.linear])
         return np.asarray(self.columns(recorded, values) @ linear)
 
+    def renewed(self, values: Values) -> Values:
+        """The values of a model that an earlier version saved, in the parameters of this version."""
+        return values
+
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """When it acts, as (start, end) in seconds of the recording's clock; empty: all the time."""
         del recorded, values

@@ -6,12 +6,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import coarsely, likely_place
+from poise.mismatch.effects.part_wrench import beside_errors, coarsely, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
 _ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 _HOOK = ("x", "y", "z")
+_CORD = (*_ANCHOR, "rest_length", *_HOOK, "damping_time")
 _LEAST_WAY = 0.02
 """m that the tool must travel to change a cable's length."""
 _APART = 0.03
@@ -20,7 +21,7 @@ _DISTANCES = (0.3, 0.7, 1.2, 2.0)
 """m, along the mean force, of anchors from which the search begins: the lines of small motions hardly meet."""
 _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
-_REFINED, _STEPS, _KEPT = 3, 12, 2
+_REFINED, _STEPS, _KEPT = 3, 40, 2
 """Cords that are refined, steps of each, and starting points."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
@@ -53,24 +54,33 @@ class Cable(Effect):
             *anchors,
             *hooks,
             EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False),
+            EffectParameter("damping_time", "s", scale=0.05, low=0.0, high=2.0, linear=False, peaked=True, hidden=True),
             EffectParameter("stiffness", "N/m", 30.0, positive=True),
-            EffectParameter("damping", "N s/m", 5.0, positive=True),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Cords that explain the residual forces: the best for anchors near and far; the torques give their hook."""
+        """Cords that explain the residual best, from anchors near and far; the torques give a first hook."""
         few, left = coarsely(recorded, residual, _APART)
+        weight = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
+        wanted = beside_errors(few, left) * weight
         hook = dict(zip(_HOOK, likely_place(left[:, :3], left[:, 3:]).tolist(), strict=True))
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
+
+            def unexplained(cord: Array, on_base: float = on_base) -> Array:
+                pull = self.columns(few, _cord(cord, on_base))[:, :, 0]
+                pull = beside_errors(few, pull) * weight
+                stiffness = max(float(np.vdot(pull, wanted)), 0.0) / max(float(np.vdot(pull, pull)), 1e-12)
+                return np.asarray((wanted - stiffness * pull).ravel())
+
             place, turn = self._hook(few, hook | {"on_base": on_base})
             force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
-            for anchor, rest in _likely_cords(place, force, few.seconds):
-                yield {
-                    "on_base": on_base,
-                    **dict(zip(_ANCHOR, anchor.tolist(), strict=True)),
-                    **hook,
-                    "rest_length": rest,
-                }
+            tried = [np.array([*cord, *hook.values(), 0.0]) for cord in _likely_cords(place, force)]
+            tried.sort(key=lambda cord: float(np.sum(unexplained(cord) ** 2)))
+            refined = [least_squares(unexplained, cord, max_nfev=_STEPS, x_scale=0.1) for cord in tried[:_REFINED]]
+            refined.sort(key=lambda each: float(each.cost))
+            middle = place.mean(axis=0)
+            near = [each.x for each in refined if float(np.linalg.norm(each.x[:3] - middle)) < _FARTHEST]
+            yield from (_cord(cord, on_base) for cord in (*near, tried[0])[:_KEPT])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         hook, turn = self._hook(recorded, nonlinear)
@@ -83,9 +93,19 @@ class Cable(Effect):
         # The sample in which the cord goes taut counts in part: the response is then smooth in the length.
         share = (length - nonlinear["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
         rate = np.clip(share, 0.0, 1.0) * speed
-        pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, toward))
-        point = np.array([nonlinear[name] for name in _HOOK])
-        return np.stack([forces_at(point, pull * size[:, None]) for size in (stretch, rate)], axis=2)
+        tension = np.maximum(stretch + nonlinear["damping_time"] * rate, 0.0)  # a cord cannot push
+        pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, tension[:, None] * toward))
+        return forces_at(np.array([nonlinear[name] for name in _HOOK]), pull)[:, :, None]
+
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        del recorded
+        return {"damping": (values["stiffness"] * values["damping_time"], "N s/m")}
+
+    def renewed(self, values: Values) -> Values:
+        """Models of earlier versions state the damping instead of its share of the stiffness."""
+        if "damping" not in values or "damping_time" in values:
+            return values
+        return {**values, "damping_time": values["damping"] / max(values["stiffness"], 1e-9)}
 
     def untestable(self, recorded: RecordedMotion) -> str:
         lacking = super().untestable(recorded)
@@ -111,25 +131,23 @@ class Cable(Effect):
         return place, np.broadcast_to(np.eye(3), (len(recorded), 3, 3))
 
 
-def _likely_cords(place: Array, force: Array, seconds: Array) -> list[tuple[Array, float]]:
-    """(anchor (3,), rest length) of the cords from places (N, 3) that explain forces (N, 3) best; the best first."""
+def _cord(numbers: Array, on_base: float) -> dict[str, float]:
+    """The non-linear values of a cord."""
+    values = dict(zip(_CORD, numbers.tolist(), strict=True))
+    lengths = {name: abs(values[name]) for name in ("rest_length", "damping_time")}
+    return {"on_base": on_base, **values, **lengths}
+
+
+def _likely_cords(place: Array, force: Array) -> list[Array]:
+    """(4,) anchors and rest lengths of cords from places (N, 3) that may explain forces (N, 3)."""
     middle, pull = place.mean(axis=0), force.mean(axis=0)
     along = pull / max(float(np.linalg.norm(pull)), 1e-9)
     found = []
     for anchor in (_meeting(place, force), *(middle + distance * along for distance in _DISTANCES)):
         length = np.linalg.norm(anchor - place, axis=1)
-        for rest in np.quantile(length, _SLACK) - _TAUT * np.equal(_SLACK, 0.0) * float(np.ptp(length)):
-            found.append((_unexplained(np.append(anchor, rest), place, force, seconds), anchor, float(rest)))
-    found.sort(key=lambda each: float(each[0] @ each[0]))
-    refined = []
-    for _, anchor, rest in found[:_REFINED]:
-        begin = np.append(anchor, rest)
-        near = least_squares(_unexplained, begin, args=(place, force, seconds), max_nfev=_STEPS, x_scale=0.1)
-        far = float(np.linalg.norm(near.x[:3] - middle))
-        if near.x[3] > 0.0 and far < _FARTHEST:
-            refined.append((float(near.cost), near.x[:3], float(near.x[3])))
-    refined += [(float(each @ each), anchor, max(rest, 0.0)) for each, anchor, rest in found[:1]]
-    return [(anchor, rest) for _, anchor, rest in sorted(refined, key=lambda each: each[0])[:_KEPT]]
+        rests = np.quantile(length, _SLACK) - _TAUT * np.equal(_SLACK, 0.0) * float(np.ptp(length))
+        found += [np.append(anchor, max(float(rest), 0.0)) for rest in rests]
+    return found
 
 
 def _meeting(place: Array, force: Array) -> Array:
@@ -139,16 +157,3 @@ def _meeting(place: Array, force: Array) -> Array:
     loose = 1e-3 * float(square.sum()) / 3
     normal = across.sum(axis=0) + (loose + 1e-9) * np.eye(3)
     return np.linalg.solve(normal, np.einsum("nij,nj->i", across, place) + loose * place.mean(axis=0))
-
-
-def _unexplained(cord: Array, place: Array, force: Array, seconds: Array) -> Array:
-    """(3 N,) what the best stiffness and damping of a cord (anchor, rest length) leave of the forces."""
-    away = cord[:3] - place
-    length = np.linalg.norm(away, axis=1)
-    toward = away / np.maximum(length, 1e-6)[:, None]
-    stretch = np.maximum(length - cord[3], 0.0)
-    sizes = np.stack([stretch, (stretch > 0.0) * np.gradient(length, seconds)])
-    columns = (sizes[:, :, None] * toward).reshape(2, -1)
-    square = columns @ columns.T + 1e-12 * np.eye(2)
-    values = np.maximum(np.linalg.solve(square, columns @ force.ravel()), 0.0)
-    return np.asarray(force.ravel() - values @ columns)

@@ -60,6 +60,10 @@ class Slosh(Effect):
         return swing[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """A liquid does not swing more slowly than in the widest vessel: what does hangs, as a chain or a rope."""
+        length = self.parameters(recorded)[0]
+        if values["length"] > 0.5 * _LONGEST and length.at_end(values["length"]):
+            return f"it would swing as a pendulum of {1e3 * _LONGEST:.0f} mm or longer, which is a hanging chain's"
         return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

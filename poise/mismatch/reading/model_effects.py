@@ -49,7 +49,7 @@ def complete_values(effect: Effect, recorded: RecordedMotion, values: Values) ->
     parameters = [p.name for p in effect.parameters(recorded)]
     # Names of defaults may leave out the joint: "asymmetry" is that of every joint.
     usual = {name: effect.defaults[stem] for name in parameters for stem in effect.defaults if name.startswith(stem)}
-    complete = {**usual, **values}
+    complete = {**usual, **effect.renewed(values)}
     lacking = [name for name in parameters if name not in complete]
     if lacking:
         raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")

@@ -23,7 +23,7 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
-from poise.mismatch.reading import recorded_from_motion
+from poise.mismatch.reading import complete_values, recorded_from_motion
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
@@ -134,8 +134,10 @@ def test_the_search_for_a_soft_grasp_is_not_misled_by_errors_of_calibration():
     assert 45.0 < start["stiffness"] < 180.0
 
 
-@pytest.mark.parametrize(("slack", "out"), [(0.2, 0.0), (0.6, 0.0), (0.3, 0.15)])
-def test_the_search_for_a_cable_begins_near_its_anchor_and_its_hook(slack, out):
+@pytest.mark.parametrize(
+    ("slack", "out", "damping"), [(0.2, 0.0, 0.0), (0.6, 0.0, 0.0), (0.3, 0.15, 0.0), (0.3, 0.1, 0.4)]
+)
+def test_the_search_for_a_cable_begins_near_its_anchor_and_its_hook(slack, out, damping):
     """Stiffness and length of a cord are ambiguous where the tool moves little: the lines of its forces hardly meet."""
     at = recorded(jitter=0.0)
     hook = at.position_in_world + at.to_world(np.broadcast_to([0.03, 0.0, out], (len(at), 3)))
@@ -144,9 +146,10 @@ def test_the_search_for_a_cable_begins_near_its_anchor_and_its_hook(slack, out):
     rest = float(np.quantile(length, slack))
     given = dict(zip(("anchor_x", "anchor_y", "anchor_z"), anchor.tolist(), strict=True))
     given |= {"x": 0.03, "y": 0.0, "z": out}
-    pulled = response("cable", at, **given, on_base=0.0, stiffness=14.0, damping=0.0, rest_length=rest)
+    pulled = response("cable", at, **given, on_base=0.0, stiffness=14.0, damping_time=damping, rest_length=rest)
     noise = np.random.default_rng(3).normal(size=pulled.shape) * np.repeat([0.05, 0.002], 3)
     start = next(iter(effect_named("cable").starts(at, pulled + noise)))
+    assert start["damping_time"] == pytest.approx(damping, abs=0.05)
     assert [start[name] for name in ("anchor_x", "anchor_y", "anchor_z")] == pytest.approx(anchor, abs=0.1)
     assert start["rest_length"] == pytest.approx(rest, abs=0.1)
     assert [start[name] for name in ("x", "y", "z")] == pytest.approx([0.03, 0.0, out], abs=0.01)
@@ -160,7 +163,8 @@ def test_a_cable_pulls_as_its_geometry_says_and_not_at_all_while_it_is_slack():
     length = np.linalg.norm(anchor - hook, axis=1)
     values["rest_length"] = float(np.median(length))
     found = response("cable", at, **values)
-    size = values["stiffness"] * (length - values["rest_length"]) + values["damping"] * rate(at, length)
+    size = length - values["rest_length"] + values["damping_time"] * rate(at, length)
+    size = values["stiffness"] * np.maximum(size, 0.0)
     exact = np.where(length > values["rest_length"], size, 0.0)[:, None] * (anchor - hook) / length[:, None]
     # The sample in which it goes taut counts in part.
     settled = np.abs(length - values["rest_length"]) > 0.01
@@ -171,9 +175,28 @@ def test_a_cable_pulls_as_its_geometry_says_and_not_at_all_while_it_is_slack():
     assert not found[slack].any()
 
 
+def test_a_cord_with_a_strong_damper_never_pushes():
+    at = fine()
+    values = TYPICAL["cable"] | {"damping_time": 2.0}
+    anchor = np.array([values[f"anchor_{axis}"] for axis in "xyz"])
+    away = anchor - at.position_in_world - in_world(at, POINT)
+    values["rest_length"] = float(np.linalg.norm(away, axis=1).min())
+    pull = np.einsum("ni,ni->n", in_world(at, response("cable", at, **values)[:, :3]), away)
+    assert pull.min() == 0.0
+    assert pull.max() > 1.0
+
+
+def test_a_cable_of_an_earlier_version_states_its_damping():
+    at, cable = fine(), effect_named("cable")
+    values = TYPICAL["cable"]
+    stated = {name: value for name, value in values.items() if name != "damping_time"} | {"damping": 2.0}
+    assert complete_values(cable, at, stated)["damping_time"] == pytest.approx(0.08)
+    assert cable.derived(at, values)["damping"] == (pytest.approx(2.0), "N s/m")
+
+
 def test_a_spring_alone_gives_back_what_it_took():
     at = fine()
-    values = TYPICAL["cable"] | {"damping": 0.0, "rest_length": 0.3}
+    values = TYPICAL["cable"] | {"damping_time": 0.0, "rest_length": 0.3}
     hook = at.position_in_world + in_world(at, POINT)
     power = np.einsum("ni,ni->n", in_world(at, response("cable", at, **values)[:, :3]), rate(at, hook))
     work = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(at.seconds))])
