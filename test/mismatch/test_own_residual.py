@@ -16,7 +16,7 @@ from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
 from poise.mismatch.inference.proof import cancelling
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, at_times
 
 
 @pytest.mark.parametrize(("until", "varies"), [(np.inf, False), (4.0, True)])
@@ -103,6 +103,21 @@ def test_friction_that_decreases_is_no_viscous_friction():
     assert steady.belief.probability > 0.8
     assert all(each.belief.probability < 0.5 for each in found.findings)
     assert len(ROBOT.joint_names) == effort.measured.shape[1] + 3
+
+
+def test_rotors_do_not_vary_when_all_efforts_are_late():
+    """A delay of the whole signal is the clock's. Relative to the part that the rotors add, it would be a large one."""
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
+    recorded, rotors = read(model, seconds=16.0, efforts_alone=True).recorded, effect_named("motor_inertia")
+    assert recorded.effort is not None
+    values = {p.name: 0.1 for p in rotors.parameters(recorded)}
+    measured = recorded.effort.measured + rotors.simulate(recorded, values)
+    late = at_times(recorded.effort.seconds, measured, recorded.effort.seconds - 0.002)
+    changed = replace(recorded, effort=replace(recorded.effort, measured=late))
+    found = diagnose(changed, model, library=effects_called(["motor_inertia", "viscous_friction"])).main
+    assert [each.effect.name for each in found.findings] == ["motor_inertia"]
+    (variation,) = variations(found.problem, found.best.parts)
+    assert variation.gain < 3.0
 
 
 def test_an_effect_with_likelier_rivals_is_not_named_but_said():

@@ -90,7 +90,9 @@ class EffectParameter:
         return not self.linear and not _END < self.to_unit(value) < 1.0 - _END
 
     def to_unit(self, value: float) -> float:
-        """Where a value lies in its prior, 0 to 1 (the distribution function)."""
+        """Where a value lies in its prior, 0 to 1 (the distribution function); 0.5 where there is one value only."""
+        if self.low == self.high:  # the number of the joint of a robot with one joint
+            return 0.5
         low, high, at = (self._stretched(number) for number in (self.low, self.high, value))
         return float(np.clip((at - low) / (high - low), 0.0, 1.0))
 

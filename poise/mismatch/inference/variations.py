@@ -61,7 +61,7 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
         rest = [other for other in parts if other is not part]
         response = whole - problem.predicted(problem.compose(rest)[1])
         gains = {}
-        for state, columns in _kinds(problem, response):
+        for state, columns in _kinds(problem, response, whole):
             projected = regression.project(problem.whiten(columns))
             gains[state] = projected.gain(np.full(columns.shape[2], _SIZE**-2.0))
         best = max(gains, key=gains.__getitem__, default="")
@@ -69,8 +69,8 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
     return tuple(found)
 
 
-def _kinds(problem: Problem, response: Array) -> Iterator[tuple[str, Array]]:
-    """(state, (N, C, k) columns) of each kind of variation of a response (N, C)."""
+def _kinds(problem: Problem, response: Array, whole: Array) -> Iterator[tuple[str, Array]]:
+    """(state, (N, C, k) columns) of each kind of variation of a response (N, C) within the whole prediction (N, C)."""
     energy = np.sum((response / problem.noise.sigma) ** 2, axis=1) + 1e-300
     acts = energy > _ACTS * energy.max()
     for state, functions in _functions(problem, np.sqrt(energy), acts):
@@ -82,6 +82,10 @@ def _kinds(problem: Problem, response: Array) -> Iterator[tuple[str, Array]]:
     if len(seen) > 1:
         yield "channel", response[:, :, None] * np.eye(response.shape[1])[:, seen[:-1]]
     rate = np.gradient(response, problem.seconds, axis=0)
+    if problem.signal == "effort":  # stamps of efforts have no tolerance of their own: all of them may be late
+        late = np.gradient(whole, problem.seconds, axis=0)
+        weight = problem.noise.sigma**-2.0
+        rate = rate - late * np.sum(rate * late * weight) / max(float(np.sum(late**2 * weight)), 1e-300)
     size = np.sqrt(np.sum(response**2) / max(float(np.sum(rate**2)), 1e-300))
     yield "delay", rate[:, :, None] * size
     yield "sign", np.where(response > 0.0, 0.5, -0.5)[:, :, None] * response[:, :, None]

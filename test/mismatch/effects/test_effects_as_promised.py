@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_worlds import TYPICAL, filled, home_of, noise, prediction, recorded, search, typical, with_reading
 
-from poise.mismatch.effects import LAYERS, all_effects, effect_named
+from poise.mismatch.effects import LAYERS, EffectParameter, all_effects, effect_named
 
 NAMES = sorted(TYPICAL)
 WRENCH = [name for name in NAMES if effect_named(name).signal == "wrench"]
@@ -34,6 +34,12 @@ def test_an_effect_says_what_it_is(name):
     assert sentence.endswith(".")
     assert "nan" not in sentence
     assert effect.untestable(at) == ""
+
+
+def test_a_number_with_one_value_is_at_no_end_of_its_range():
+    only = EffectParameter("joint", "", low=1.0, high=1.0, linear=False, choice=True)
+    assert not only.at_end(1.0)
+    assert only.from_unit(only.to_unit(1.0)) == 1.0
 
 
 @pytest.mark.parametrize("name", NAMES)

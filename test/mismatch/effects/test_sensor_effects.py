@@ -134,6 +134,17 @@ def test_only_forces_may_be_quantised():
     assert found["torque_step"] == pytest.approx(1e-5)
 
 
+def test_fine_steps_are_no_finding_although_an_axis_stands_at_a_limit():
+    at = recorded()
+    rng = np.random.default_rng(4)
+    read = np.round((at.prediction + rng.normal(size=at.prediction.shape) * NOISE) / (0.3 * NOISE)) * 0.3 * NOISE
+    effect = effect_named("quantisation")
+    assert effect.found(replace(at, wrench=read)) is not None
+    assert effect.detected(replace(at, wrench=read)) is None
+    read[:, 0] = read[:, 0].max()
+    assert effect.detected(replace(at, wrench=read)) is None
+
+
 def test_a_limit_is_found_where_readings_stand_at_it_and_nowhere_else():
     at = recorded()
     noisy = at.prediction + np.random.default_rng(3).normal(size=at.prediction.shape) * NOISE
