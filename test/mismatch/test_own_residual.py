@@ -120,6 +120,18 @@ def test_rotors_do_not_vary_when_all_efforts_are_late():
     assert variation.gain < 3.0
 
 
+@pytest.mark.parametrize(("length", "rope_as_likely"), [(0.06, False), (0.2, True)])
+def test_a_long_pendulum_is_a_liquid_or_a_rope(length, rope_as_likely):
+    case, slosh = make_case(3, duration=12.0), effect_named("slosh")
+    recorded = case.recorded()
+    swing = {"length": length, "damping_ratio": 0.05, "x": 0.0, "y": 0.02, "z": 0.1, "mass": 0.3}
+    changed = replace(recorded, wrench=recorded.wrench + slosh.simulate(recorded, swing))
+    (found,) = diagnose(changed, case.model, library=effects_called(["slosh", "hanging_chain"])).findings
+    assert found.effect.name == "slosh"
+    assert ("hanging_chain" in found.belief.alike) == rope_as_likely
+    assert (found.belief.probability < 0.5) == rope_as_likely
+
+
 def test_an_effect_with_likelier_rivals_is_not_named_but_said():
     def named(chance: float) -> NamedEffect:
         effect = effect_named("joint_offset")

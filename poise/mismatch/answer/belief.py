@@ -156,10 +156,13 @@ def _belief(
     odds |= dict.fromkeys(same, 1.0)
     # Of equal responses, the search takes the simplest. A delay and a filter have as many parameters.
     ruled |= {rival for rival in same if part.effect.delay}
-    # An effect that contains the name and does hardly better is no rival.
+    # An effect that contains the name and does hardly better is no rival, unless it is as likely by rule.
     more = own + LOOKALIKE * max(own, 0.0)
+    twins = part.effect.twins(part.values)
     against = {
-        rival: value for rival, value in odds.items() if gains.get(rival, own) > more or not _contains(rival, name)
+        rival: value
+        for rival, value in odds.items()
+        if gains.get(rival, own) > more or not _contains(rival, name) or rival in twins
     }
     compared = {rival: value for rival, value in against.items() if rival not in ruled}
     basis = BeliefBasis(
@@ -178,10 +181,11 @@ def _belief(
 
 
 def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:
-    """Rivals that are as likely as a name by rule, see `beliefs`."""
-    unknown = {f"unknown:{beside}"} if beside and part.effect.free_course else set()
+    """Rivals that are as likely as a name by rule, see `beliefs` and `Effect.twins`."""
+    equal = {f"unknown:{beside}"} if beside and part.effect.free_course else set()
     others = [other.effect for other in model.fit.parts if other.effect.name != part.effect.name]
-    return unknown | {other.name for other in others if proof.within_noise and alike(other, part.effect)}
+    equal |= set(part.effect.twins(part.values))
+    return equal | {other.name for other in others if proof.within_noise and alike(other, part.effect)}
 
 
 def rival_odds(own: float, rival: float, misfit: float) -> float:

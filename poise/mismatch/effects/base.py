@@ -227,6 +227,11 @@ class Effect(ABC):
         """The values of a model that an earlier version saved, in the parameters of this version."""
         return values
 
+    def twins(self, values: Values) -> tuple[str, ...]:
+        """Names of effects that contain this one, and that are as likely at these values."""
+        del values
+        return ()
+
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """When it acts, as (start, end) in seconds of the recording's clock; empty: all the time."""
         del recorded, values

@@ -19,6 +19,8 @@ from poise.types import Array
 
 _LONGEST = 0.25
 """m: the pendulum of the first mode of a vessel of 0.4 m radius; what hangs longer is a `hanging_chain`."""
+_WIDE = 0.12
+"""m: the same for a radius of 0.2 m. A longer pendulum in a hand may as well be a rope whose second mode rests."""
 
 
 class Slosh(Effect):
@@ -65,6 +67,9 @@ class Slosh(Effect):
         if values["length"] > 0.5 * _LONGEST and length.at_end(values["length"]):
             return f"it would swing as a pendulum of {1e3 * _LONGEST:.0f} mm or longer, which is a hanging chain's"
         return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+
+    def twins(self, values: Values) -> tuple[str, ...]:
+        return ("hanging_chain",) if values["length"] > _WIDE else ()
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         frequency = swing_frequency(recorded, values["length"]) / (2.0 * np.pi)
