@@ -250,9 +250,11 @@ def as_declared(case: Case) -> Case:
 
 
 def _first(case: Case, poses: list[Snapshot]) -> Seen:
-    """The first object that moves by 2 mm or leans by 1.5 degrees, and when it began to."""
+    """The first object whose foot moves by 2 mm or that leans by 1.5 degrees, and when it began to."""
     settled = next(row for row, (time, _, _) in enumerate(poses) if time >= 0.5)
-    moved = np.array([np.linalg.norm(at - poses[settled][1], axis=1) for _, at, _ in poses])
+    low = np.array([body.size[-1] for body in case.true])[:, None]
+    feet = np.array([(at - low * turn[:, :, 2])[:, :2] for _, at, turn in poses])  # what tips stays on its foot
+    moved = np.linalg.norm(feet - feet[settled], axis=2)
     leaned = np.array([np.arccos(np.clip(turn[:, 2, 2], -1, 1)) for _, _, turn in poses])
     leaned = np.abs(leaned - leaned[settled])
     hit = ((moved > 2e-3) | (leaned > np.deg2rad(1.5))) & (np.arange(len(poses)) > settled)[:, None]
@@ -262,7 +264,7 @@ def _first(case: Case, poses: list[Snapshot]) -> Seen:
     body = int(np.argmax(hit[row]))
     still = (moved[:row, body] < 3e-4) & (leaned[:row, body] < np.deg2rad(0.2))
     began = int(np.flatnonzero(still)[-1]) if still.any() else settled
-    tips = leaned[min(row + 5, len(poses) - 1), body] > np.deg2rad(1.0)
+    tips = moved[row, body] <= 2e-3
     return Seen(case.true[body].name, "tip" if tips else "slip", poses[began][0])
 
 
