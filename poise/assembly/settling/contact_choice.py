@@ -19,9 +19,11 @@ _MOST = 54.0
 _ASIDE, _TURNED = 0.04, 0.02
 """m: distances between neighbours that do not touch, and by how much they are longer at one end, are as likely
 everywhere up to this."""
+_PARALLEL = 0.5
+"""Share of neighbours that are parallel, among those that do not touch: as they are mostly put on shelves."""
 _SURE = 50.0
 """Logarithm of odds."""
-_STAYS = 0.02
+_STAYS = 0.04
 """Probability below which a contact of before is given up; one that was none becomes one above 1 minus it."""
 _STAYS_OFF = 0.5
 """Share of `_MOST` above which a face that did not carry a body before does not carry it now."""
@@ -158,8 +160,9 @@ def _likely(
 def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
     """(K,) probabilities that faces side by side touch, or are in line, before any other evidence as likely as not.
 
-    If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far),
-    and all angles up to some degrees.
+    If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far).
+    All angles up to some degrees are equally likely then, but a share of neighbours, `_PARALLEL`, is as parallel as if
+    they touched.
 
     Args:
         belief: what is known.
@@ -178,6 +181,8 @@ def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
     # In directions that contacts already fix, distances other than zero are not as likely as zero.
     free = values > 4 * _CONSISTENT**2
     odds += np.sum(np.log(_TURNED / np.sqrt(2 * np.pi * np.where(free, values, 1.0))) * free, axis=1)
+    # Neighbours that are apart may be parallel, too, so that parallel faces are no more than a hint of contact.
+    odds = np.where(in_line, odds, -np.logaddexp(np.log(_PARALLEL), np.log(1 - _PARALLEL) - odds))
     std = np.sqrt(variance)
     near = np.where(in_line, -_ASIDE / 2, CONTACT_MARGIN)
     far = np.where(in_line, _ASIDE / 2, _ASIDE)
