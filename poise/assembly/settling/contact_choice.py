@@ -146,12 +146,18 @@ def _likely(
     in_line = candidates.in_line
     numbers = numbers[np.argsort(-_chances(belief, numbers, in_line[numbers]), kind="stable")]
     accepted, rejected, chances = [], [], {}
-    for number in numbers.tolist():
-        some = np.array([number])
-        chance = chances[number] = float(_chances(belief, some, in_line[some])[0])
+    ahead, count = np.zeros(0), 1
+    for place, number in enumerate(numbers.tolist()):
+        # Many follow from those before and change nothing: then more of the next are asked together.
+        if not len(ahead):
+            some = numbers[place : place + count]
+            ahead, count = _chances(belief, some, in_line[some]), 2 * count
+        chance = chances[number] = float(ahead[0])
+        ahead = ahead[1:]
         if chance > (level[number] if rng is None else rng.random()):
-            belief.accept(number)
             accepted.append(number)
+            if belief.accept(number):
+                ahead, count = ahead[:0], 1
         else:
             rejected.append(number)
     return accepted, rejected, chances
