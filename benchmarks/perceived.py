@@ -3,6 +3,7 @@
     python -m benchmarks.perceived                     # 100 scenes of each kind, about ten minutes
     python -m benchmarks.perceived --noise heavy edge  # other errors than those stated
     python -m benchmarks.perceived --only time         # settling 30 objects
+    python -m benchmarks.perceived --only threads      # with one thread of OpenBLAS and with its default, in turn
 
 Random stacks, shelves and pallets are the truth. Their poses get errors of 2 mm and 0.5 degrees. The same noisy scenes
 are also read without settling, which is the rival.
@@ -10,13 +11,24 @@ are also read without settling, which is the rival.
 
 import argparse
 import contextlib
+import inspect
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, Push, RigidObject, assess, assess_settled, settle
+from poise.assembly import (
+    Assembly,
+    Box,
+    Cylinder,
+    Push,
+    RigidObject,
+    acceleration_limits,
+    assess,
+    assess_settled,
+    settle,
+)
 from poise.assembly.robustness import carried
 from poise.assembly.scene import pose_covariance_of, with_pose_covariance
 from poise.errors import PoiseError
@@ -249,6 +261,38 @@ def settling_time(seed: int, repeats: int = 10) -> str:
     return "; ".join(words)
 
 
+def cost_of_threads(seed: int, repeats: int = 10) -> str:
+    """ms of processor time and of time, least to greatest, of two questions in one thread and in the default number."""
+    rng = np.random.default_rng(seed)
+    size = (0.2, 0.15, 0.1)
+    small, large = (Assembly(tuple(cartons(*count, size, 1.0)), _GRAVITY) for count in ((5, 2, 3), (5, 4, 5)))
+    noisy = seen(small, rng, "gauss")
+    free_settle, free_limits = inspect.unwrap(settle), inspect.unwrap(acceleration_limits)
+    questions: list[tuple[str, int, Callable[[], object], Callable[[], object]]] = [
+        ("settling 30 cartons", repeats, lambda: settle(noisy), lambda: free_settle(noisy)),
+        (
+            "4 limits of a pallet of 100",
+            3,
+            lambda: acceleration_limits(large, 4, turning=False),
+            lambda: free_limits(large, 4, turning=False),
+        ),
+    ]
+    lines = []
+    for name, times_asked, limited, free in questions:
+        spent: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
+        for number in range(2 * times_asked + 1):
+            one = number % 2 == 0
+            start = time.process_time(), time.perf_counter()
+            (limited if one else free)()
+            if number:  # the first one fills caches
+                spent[one].append((time.process_time() - start[0], time.perf_counter() - start[1]))
+        for one, times in spent.items():
+            low, middle, high = np.array([np.min(times, 0), np.median(times, 0), np.max(times, 0)]) * 1e3
+            words = [f"{low[k]:.0f}-{high[k]:.0f} ms, median {middle[k]:.0f}" for k in (0, 1)]
+            lines.append(f"{name}, {'one thread' if one else 'default'}: processor {words[0]}; time {words[1]}")
+    return "\n".join(lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=100, help="of each kind")
@@ -256,9 +300,12 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--noise", nargs="+", choices=NOISE, default=["gauss"])
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=["time"])
+    parser.add_argument("--only", choices=["time", "threads"])
     parser.add_argument("--refusals", action="store_true", help="print why scenes were not answered")
     options = parser.parse_args()
+    if options.only == "threads":
+        print(cost_of_threads(options.seed))
+        return
     print(f"settling 30 objects: {settling_time(options.seed)}")
     if options.only:
         return

@@ -24,6 +24,7 @@ from poise.placement.scoring import PlacementScore, check_criterion, estimate_sc
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
 from poise.placement.validation import UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
+from poise.threads import in_one_thread
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
@@ -154,6 +155,7 @@ class CancelledError(PoiseError):
     """The caller gave up; nothing was changed."""
 
 
+@in_one_thread
 def plan_placement(
     assembly: Assembly | Analysis,
     item: RigidObject,

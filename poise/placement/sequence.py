@@ -13,6 +13,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement.choice import best_confirmed
 from poise.placement.planner import Options, Placement, PlacementProgress, plan_placement
 from poise.placement.scoring import PlacementScore, estimate_score, evaluate
+from poise.threads import in_one_thread
 
 _TRIED_PER_OBJECT = 8
 """Plans for single objects in one order, per object, before it is given up."""
@@ -53,6 +54,7 @@ class PlacementSequence:
         return evaluate(self.analysis)
 
 
+@in_one_thread
 def plan_sequence(
     assembly: Assembly | Analysis,
     items: Sequence[RigidObject],

@@ -1,5 +1,6 @@
 """Meshes of many vertices: short ways of reading them and of finding contacts give what long ones give."""
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import shapely
 from benchmarks.big_meshes import HEIGHT, answered, ball_with_flat, content
 from poise.assembly import Box, Mesh, RigidObject
 from poise.assembly.contact.placed import placed
+from poise.assembly.scene import Polyhedron
 from poise.errors import InputError
 from poise.geometry import Pose, rotation_of_vector, unique_rows
 from poise.shape.mesh_formats import read_obj
@@ -59,6 +61,31 @@ def test_areas_and_centres_of_facets_are_those_of_their_polygons() -> None:
     assert polyhedron.facet_centres[facet] == pytest.approx([flat.centroid.x, flat.centroid.y, -HEIGHT])
     heights = np.einsum("ij,ij->i", polyhedron.normals, polyhedron.facet_centres)
     assert polyhedron.facet_areas @ heights / 3 == pytest.approx(Mesh(*ball_with_flat(300)).volume)
+
+
+@pytest.mark.parametrize(
+    ("second", "area", "crosses"),
+    [
+        (
+            [[0, 0], [4, 1], [1, 4]],
+            8 + 7.5 - 4.8,
+            True,
+        ),  # their edges cross
+        ([[1, 1], [5, 1], [1, 5]], 8 + 8 - 2, False),  # they overlap, and no error says so
+        ([[4, 0], [4, 4], [0, 4]], 8 + 8, False),
+    ],
+)
+def test_a_facet_of_triangles_that_cross_is_their_union(second: list[list[int]], area: float, crosses: bool) -> None:
+    corners = np.array([[[0, 0], [4, 0], [0, 4]], second], dtype=np.float64)
+    with pytest.raises(shapely.errors.GEOSException) if crosses else contextlib.nullcontext():
+        shapely.coverage_union_all(shapely.polygons(corners))
+    vertices = np.insert(corners.reshape(-1, 2), 2, 0.3, axis=1)
+    none = np.zeros((0, 2), dtype=np.int64)
+    triangles, facet = np.arange(6).reshape(2, 3), np.zeros(2, dtype=np.int64)
+    bent = Polyhedron(vertices, triangles, facet, np.array([[0.0, 0.0, 1.0]]), none, none, False)
+    outline = bent.polygon(0, vertices, np.zeros(3), np.eye(3)[:2])
+    assert outline.is_valid
+    assert outline.area == pytest.approx(area)
 
 
 @pytest.mark.parametrize(

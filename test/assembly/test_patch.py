@@ -6,11 +6,12 @@ import pytest
 from assembly_scenes import G, box, on_floor
 from scipy.optimize import brentq
 
-from poise.assembly import Analysis, Push, assess
+from poise.assembly import Analysis, Cylinder, Push, RigidObject, assess
 from poise.assembly.contact.contacts import find_interfaces
 from poise.assembly.statics.friction_surface import FrictionSurface, patch_friction
 from poise.assembly.statics.patch import PatchProgram
 from poise.assembly.statics.pushes import loads_of
+from poise.geometry import Pose
 
 # Quadrature of the reference: midpoints of a fine grid.
 FINE = 400
@@ -170,3 +171,15 @@ def test_a_few_questions_about_friction_are_answered_as_many_are():
     few, many = FrictionSurface(points, weights), FrictionSurface(points, weights)
     one_by_one = [few.normal_force_needed(load[None, :2], load[2:])[0] for load in loads]
     assert one_by_one == pytest.approx(many.normal_force_needed(loads[:, :2], loads[:, 2]), rel=1e-12)
+
+
+def test_a_push_through_the_centre_slides_at_the_friction_in_each_direction():
+    """The motions of the table are some degrees apart, which gave up to 0.2 % more than friction holds."""
+    can = RigidObject("can", Cylinder(0.06, 0.04), Pose(np.eye(3), np.array([0, 0, 0.02])), mass=1.5)
+    angles = np.linspace(0, 2 * np.pi, 90)
+    outward = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    pushes = [Push("can", 0.06 * out + [0, 0, 0.01], tuple(-out)) for out in outward]
+    analysis = Analysis.of(on_floor(can, friction=0.4))
+    for asked in (pushes, pushes[7:8]):
+        for result in assess(analysis, asked).results:
+            assert result.robustness == pytest.approx(1.5 * G * 0.4, rel=1e-6)

@@ -5,10 +5,11 @@ from dataclasses import replace
 import assembly_scenes as scenes
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from benchmarks.perceived import KINDS, PerceivedTally, clean_scenes, compare
 from poise.assembly import Analysis, Assembly, Box, FrictionPair, Mesh, Push, assess, assess_settled, settle
-from poise.assembly.contact import Structure
+from poise.assembly.contact import CONTACT_MARGIN, Structure
 from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_of_vector
@@ -269,6 +270,15 @@ def _side_by_side(gap):
 
 def _touch(assembly):
     return any((i.first, i.second) == (1, 2) for i in Structure.of(assembly).interfaces)
+
+
+def test_parallel_faces_are_no_more_than_a_hint_of_contact():
+    """Boxes on a shelf are mostly parallel, whether they touch or not: most of the evidence is the gap that is seen."""
+    deviation = np.sqrt(2) * STD[0]
+    within = ndtr(0.04 / deviation) - ndtr(CONTACT_MARGIN / deviation)
+    by_gap = 0.04 / (np.sqrt(2 * np.pi) * deviation * within)  # odds against a gap of up to 40 mm
+    chance = settle(uncertain(_side_by_side(0.0))).doubtful_pairs["l", "r"]
+    assert by_gap < chance / (1 - chance) < 2 * by_gap
 
 
 def test_contacts_of_before_stay_while_they_explain_what_is_seen():

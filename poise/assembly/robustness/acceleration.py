@@ -14,6 +14,7 @@ from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
 from poise.ranges import directions_of, vectors
+from poise.threads import in_one_thread
 from poise.types import Array, Mask
 
 _FASTEST = 1000.0
@@ -73,6 +74,7 @@ class AccelerationLimits:
         return replace(self, limits=limits, offsets=self.offsets * left)
 
 
+@in_one_thread
 def acceleration_limits(
     assembly: Assembly | Analysis,
     directions: int | Array = 72,

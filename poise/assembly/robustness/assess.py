@@ -12,6 +12,7 @@ from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.statics import Analysis, Deadline, Loads, Push, loads_of
 from poise.notebooks import html_table
+from poise.threads import in_one_thread
 from poise.types import Array, Mask
 
 
@@ -131,6 +132,7 @@ class Assessment:
         return html_table(f"{state}, margin {self.margin:.4g} N", headings, rows)
 
 
+@in_one_thread
 def assess(
     assembly: Assembly | Analysis,
     pushes: Sequence[Push | Sequence[Push]],

@@ -9,6 +9,7 @@ import numpy as np
 from poise.assembly.contact import WayOut, way_out
 from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, Deadline, begin_near
+from poise.threads import in_one_thread
 from poise.types import Array
 
 # Objects looked at before the best order so far is returned.
@@ -36,6 +37,7 @@ class Disassembly:
     complete: bool
 
 
+@in_one_thread
 def plan_disassembly(
     assembly: Assembly | Analysis, target: str | None = None, deadline: float | None = None
 ) -> Disassembly:

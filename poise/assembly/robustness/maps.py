@@ -14,6 +14,7 @@ from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
 from poise.ranges import check_range
+from poise.threads import in_one_thread
 from poise.types import Array, Indices, Mask
 
 _CEILING = 100.0
@@ -69,6 +70,7 @@ class RobustnessMap:
         return tuple(objects[place].id for place in places)
 
 
+@in_one_thread
 def robustness_map(
     assembly: Assembly | Analysis,
     surface: SurfacePoints | int = 10_000,

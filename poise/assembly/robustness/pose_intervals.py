@@ -11,6 +11,7 @@ from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling import Settled
 from poise.assembly.statics import Analysis, Deadline, Push
 from poise.errors import PoiseError
+from poise.threads import in_one_thread
 from poise.types import Array
 
 SAMPLES = 59
@@ -47,6 +48,7 @@ class UncertainAssessment:
         return max(0.0, (self.samples - 1) / (self.samples + 1))
 
 
+@in_one_thread
 def assess_settled(
     scene: Settled,
     pushes: Sequence[Push | Sequence[Push]],

@@ -9,6 +9,7 @@ from poise.assembly.robustness.block_answers import CHECKED_SHARE
 from poise.assembly.scene import Assembly
 from poise.assembly.statics import UNLIMITED, Analysis, BlockAnalysis, Deadline, InverseLoadFactor, Push, loads_of
 from poise.geometry import wrench_of_force
+from poise.threads import in_one_thread
 from poise.types import Array
 
 
@@ -57,6 +58,7 @@ class Sensitivity:
         return float(-self.limit * (twist @ block.geometry.units.of_wrench(wrench)))
 
 
+@in_one_thread
 def sensitivity(assembly: Assembly | Analysis, push: Push, deadline: float | None = None) -> Sensitivity:
     """The robustness of one push, and the derivatives of its limit load.
 

@@ -10,6 +10,7 @@ from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism, PatchMechanism, Push, loads_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
+from poise.threads import in_one_thread
 from poise.types import Array, Indices
 
 # Number of samples of the masses for each draw of friction and poses.
@@ -39,6 +40,7 @@ class MotionProbability:
     complete: bool
 
 
+@in_one_thread
 def motion_probability(
     assembly: Assembly,
     push: Push,

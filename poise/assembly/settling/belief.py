@@ -134,18 +134,19 @@ class Belief:
         across = blocks[0] @ each[slots[0], :, slots[1]] @ blocks[1].transpose(0, 2, 1)
         return distance, own[0] + own[1] + across + across.transpose(0, 2, 1)
 
-    def accept(self, number: int) -> None:
-        """Condition on distances of zero, to within `_FIT`, unless they follow from those before."""
+    def accept(self, number: int) -> bool:
+        """Condition on distances of zero, to within `_FIT`; False if they follow from those before: nothing changes."""
         distance, jacobian, columns = self._local(number)
         across = self.covariance[:, columns] @ jacobian.T
         expected = jacobian @ across[columns]
         if np.trace(expected) < _KNOWN**2:
-            return
+            return False
         self.accepted.append(number)
         expected += _FIT**2 * np.eye(POINTS)
         gain = np.linalg.solve(expected, across.T).T
         self.mean -= gain @ (distance + jacobian @ self.mean[columns])
         self.covariance -= gain @ across.T
+        return True
 
     def _local(self, number: int) -> tuple[Array, Array, Indices]:
         """Distances of a place, and their derivatives for the columns of its bodies alone."""

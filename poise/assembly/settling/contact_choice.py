@@ -19,9 +19,11 @@ _MOST = 54.0
 _ASIDE, _TURNED = 0.04, 0.02
 """m: distances between neighbours that do not touch, and by how much they are longer at one end, are as likely
 everywhere up to this."""
+_PARALLEL = 0.5
+"""Share of neighbours that are parallel, among those that do not touch: as they are mostly put on shelves."""
 _SURE = 50.0
 """Logarithm of odds."""
-_STAYS = 0.02
+_STAYS = 0.04
 """Probability below which a contact of before is given up; one that was none becomes one above 1 minus it."""
 _STAYS_OFF = 0.5
 """Share of `_MOST` above which a face that did not carry a body before does not carry it now."""
@@ -144,12 +146,18 @@ def _likely(
     in_line = candidates.in_line
     numbers = numbers[np.argsort(-_chances(belief, numbers, in_line[numbers]), kind="stable")]
     accepted, rejected, chances = [], [], {}
-    for number in numbers.tolist():
-        some = np.array([number])
-        chance = chances[number] = float(_chances(belief, some, in_line[some])[0])
+    ahead, count = np.zeros(0), 1
+    for place, number in enumerate(numbers.tolist()):
+        # Many follow from those before and change nothing: then more of the next are asked together.
+        if not len(ahead):
+            some = numbers[place : place + count]
+            ahead, count = _chances(belief, some, in_line[some]), 2 * count
+        chance = chances[number] = float(ahead[0])
+        ahead = ahead[1:]
         if chance > (level[number] if rng is None else rng.random()):
-            belief.accept(number)
             accepted.append(number)
+            if belief.accept(number):
+                ahead, count = ahead[:0], 1
         else:
             rejected.append(number)
     return accepted, rejected, chances
@@ -158,8 +166,9 @@ def _likely(
 def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
     """(K,) probabilities that faces side by side touch, or are in line, before any other evidence as likely as not.
 
-    If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far),
-    and all angles up to some degrees.
+    If they are not, all gaps from `CONTACT_MARGIN` to `_ASIDE` are equally likely (offsets to both sides, half as far).
+    All angles up to some degrees are equally likely then, but a share of neighbours, `_PARALLEL`, is as parallel as if
+    they touched.
 
     Args:
         belief: what is known.
@@ -178,6 +187,8 @@ def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
     # In directions that contacts already fix, distances other than zero are not as likely as zero.
     free = values > 4 * _CONSISTENT**2
     odds += np.sum(np.log(_TURNED / np.sqrt(2 * np.pi * np.where(free, values, 1.0))) * free, axis=1)
+    # Neighbours that are apart may be parallel, too, so that parallel faces are no more than a hint of contact.
+    odds = np.where(in_line, odds, -np.logaddexp(np.log(_PARALLEL), np.log(1 - _PARALLEL) - odds))
     std = np.sqrt(variance)
     near = np.where(in_line, -_ASIDE / 2, CONTACT_MARGIN)
     far = np.where(in_line, _ASIDE / 2, _ASIDE)

@@ -16,6 +16,7 @@ from poise.assembly.settling.rows import DistanceRows, steps_between
 from poise.assembly.settling.separation import keep_apart
 from poise.errors import InputError
 from poise.geometry import Pose
+from poise.threads import in_one_thread
 from poise.types import Array, Indices
 
 _THREE_SIGMA = 0.0027
@@ -124,6 +125,7 @@ class Settled:
             yield self.assembly if self._problem is None else self._problem.drawn(rng, self.strain)
 
 
+@in_one_thread
 def settle(assembly: Assembly, before: Assembly | None = None) -> Settled:
     """Find the most likely poses that touch and do not overlap.
 

@@ -116,7 +116,8 @@ class FrictionSurface:
         table, at = self._known(i, j).ravel(), i * _TABLE + j
         below = table.take(at) * (1 - b) + table.take(at + 1) * b
         above = table.take(at + _TABLE) * (1 - b) + table.take(at + (_TABLE + 1)) * b
-        return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
+        # Sliding straight needs as much as the force: the table, of few motions, has up to 0.2 % less.
+        return np.maximum(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a), flat)
 
     def normal_force_needed_for(self, along: float, across: float, moment: float) -> float:
         """The same for one force: arrays of one number take ten times as long."""
@@ -127,7 +128,7 @@ class FrictionSurface:
         i, j = min(int(column), _TABLE - 2), min(int(row), _TABLE - 2)
         a, b = column - i, row - j
         below, above = (line[j] * (1 - b) + line[j + 1] * b for line in self._rows[i : i + 2])
-        return math.hypot(flat, turning) * (below * (1 - a) + above * a)
+        return max(math.hypot(flat, turning) * (below * (1 - a) + above * a), flat)
 
     @cached_property
     def _rows(self) -> list[list[float]]:
