@@ -23,8 +23,8 @@ from rich.table import Table
 from benchmarks.carried.make import PLAIN, ROUGH, Case, Seen, World, as_declared, draw, scene_of, simulate, write
 from poise.cli import run
 
-FIRST_FINAL = 6000
-"""5000 to 5099 were answered in an earlier version, and are development cases since."""
+FIRST_FINAL = 8000
+"""The next final seeds, 8000 to 8099: not answered yet. Those below, 7100 to 7199 the last ones, are development."""
 TIME = 0.05
 """s within which the beginning of a motion is right."""
 

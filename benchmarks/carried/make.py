@@ -250,7 +250,10 @@ def as_declared(case: Case) -> Case:
 
 
 def _first(case: Case, poses: list[Snapshot]) -> Seen:
-    """The first object whose foot moves by 2 mm or that leans by 1.5 degrees, and when it began to."""
+    """The object that begins to move first, of those whose foot moves by 2 mm or that lean by 1.5 degrees, and when.
+
+    It begins after the last time before that when it had moved by less than 0.3 mm and leaned by less than 0.2 degrees.
+    """
     settled = next(row for row, (time, _, _) in enumerate(poses) if time >= 0.5)
     low = np.array([body.size[-1] for body in case.true])[:, None]
     feet = np.array([(at - low * turn[:, :, 2])[:, :2] for _, at, turn in poses])  # what tips stays on its foot
@@ -258,12 +261,14 @@ def _first(case: Case, poses: list[Snapshot]) -> Seen:
     leaned = np.array([np.arccos(np.clip(turn[:, 2, 2], -1, 1)) for _, _, turn in poses])
     leaned = np.abs(leaned - leaned[settled])
     hit = ((moved > 2e-3) | (leaned > np.deg2rad(1.5))) & (np.arange(len(poses)) > settled)[:, None]
-    if not hit.any():
+    begun: list[tuple[int, int, int]] = []
+    for body in np.flatnonzero(hit.any(axis=0)).tolist():
+        row = int(np.argmax(hit[:, body]))
+        still = (moved[:row, body] < 3e-4) & (leaned[:row, body] < np.deg2rad(0.2))
+        begun.append((int(np.flatnonzero(still)[-1]) if still.any() else settled, row, body))
+    if not begun:
         return Seen()
-    row = int(np.argmax(hit.any(axis=1)))
-    body = int(np.argmax(hit[row]))
-    still = (moved[:row, body] < 3e-4) & (leaned[:row, body] < np.deg2rad(0.2))
-    began = int(np.flatnonzero(still)[-1]) if still.any() else settled
+    began, row, body = min(begun)
     tips = moved[row, body] <= 2e-3
     return Seen(case.true[body].name, "tip" if tips else "slip", poses[began][0])
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from benchmarks.carried.make import Case, Seen, as_declared, draw, scene_of, simulate, write
+from benchmarks.carried.make import Body, Case, Seen, _first, as_declared, draw, scene_of, simulate, write
 from poise.assembly import Assembly, Box, FrictionPair, RigidObject, write_scene
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
@@ -317,3 +317,19 @@ def test_a_box_that_settles_straight_down_has_no_direction(tmp_path: Path) -> No
     found = examined(write_bag(tmp_path / "run.mcap", {"tf": streams}), scene())
     assert all(one.way == () for one in found.seen)
     assert np.isfinite(found.declared)
+
+
+def test_the_benchmark_takes_what_begins_first_as_first() -> None:
+    """A slow tip that begins before a fast slip passes its threshold later."""
+    body = Body("slow", "box", (0.04, 0.04, 0.1), (0.0, 0.0, 0.1), 1.0, 0.5)
+    bodies = body, replace(body, name="fast", place=(0.3, 0.0, 0.1))
+    case = Case(0, "none", "", 0.0, bodies, bodies)
+    poses = []
+    for time in np.arange(0.0, 3.0, 0.01):
+        lean = np.deg2rad(2.0) * np.clip((time - 1.0) / 0.8, 0, 1)  # 0.2 degrees at 1.08 s, 1.5 degrees at 1.6 s
+        turn = Rotation.from_euler("y", lean).as_matrix()
+        slid = np.array([0.3 + 0.02 * max(time - 1.2, 0.0), 0.0, 0.1])  # 0.3 mm at 1.215 s, 2 mm at 1.3 s
+        poses.append((float(time), np.array([0.1 * turn[:, 2], slid]), np.array([turn, np.eye(3)])))
+    first = _first(case, poses)
+    assert (first.name, first.mode) == ("slow", "tip")
+    assert first.time == pytest.approx(1.08, abs=0.025)

@@ -159,11 +159,10 @@ def _belief(
     # An effect that contains the name and does hardly better is no rival, unless it is as likely by rule.
     more = own + LOOKALIKE * max(own, 0.0)
     twins = part.effect.twins(part.values)
-    against = {
-        rival: value
-        for rival, value in odds.items()
-        if gains.get(rival, own) > more or not _contains(rival, name) or rival in twins
+    larger = {
+        rival for rival in odds if _contains(rival, name) and rival not in twins and gains.get(rival, own) <= more
     }
+    against = {rival: value for rival, value in odds.items() if rival not in larger}
     compared = {rival: value for rival, value in against.items() if rival not in ruled}
     basis = BeliefBasis(
         proof.support,
