@@ -156,12 +156,7 @@ def _belief(
     odds |= dict.fromkeys(same, 1.0)
     # Of equal responses, the search takes the simplest. A delay and a filter have as many parameters.
     ruled |= {rival for rival in same if part.effect.delay}
-    # An effect that contains the name and does hardly better is no rival, unless it is as likely by rule.
-    more = own + LOOKALIKE * max(own, 0.0)
-    twins = part.effect.twins(part.values)
-    larger = {
-        rival for rival in odds if _contains(rival, name) and rival not in twins and gains.get(rival, own) <= more
-    }
+    larger = _larger(part, odds, gains, own)
     against = {rival: value for rival, value in odds.items() if rival not in larger}
     compared = {rival: value for rival, value in against.items() if rival not in ruled}
     basis = BeliefBasis(
@@ -177,6 +172,13 @@ def _belief(
     kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
     against_it = variation.state if basis.varies > _MATERIAL_VARIATION else ""
     return EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis, against_it)
+
+
+def _larger(part: FittedEffect, odds: Mapping[str, float], gains: Mapping[str, float], own: float) -> set[str]:
+    """Effects that contain a name and do hardly better: no rivals, unless they are as likely by rule."""
+    more = own + LOOKALIKE * max(own, 0.0)
+    containing = {rival for rival in odds if _contains(rival, part.effect.name)} - set(part.effect.twins(part.values))
+    return {rival for rival in containing if gains.get(rival, own) <= more}
 
 
 def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:
