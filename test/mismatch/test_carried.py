@@ -18,6 +18,7 @@ from poise.geometry import Pose
 from poise.mismatch.carried import CarriedAnswer, examine_carried, read_carried
 from poise.mismatch.carried.events import CarriedMotion
 from poise.mismatch.carried.evidence import Part, of_course, probability
+from poise.mismatch.carried.onset import onset
 from poise.mismatch.carried.prediction import SceneLimits
 from poise.recording import PoseStream, RecordingWriter, encode_stream, open_recording
 
@@ -208,6 +209,19 @@ def test_direction_and_course_tell_a_push_from_a_slip() -> None:
     slow, fast = part(-1.0, 0.0, sudden=-9.0), part(-1.0, 0.0, sudden=40.0)
     assert of_course(slow, pushed=False) > 20 * of_course(slow, pushed=True)
     assert of_course(fast, pushed=True) > 20 * of_course(fast, pushed=False)
+
+
+def test_a_slip_that_is_slower_than_its_release_says_is_no_push() -> None:
+    """Small errors of the limit and of the acceleration change the small difference of the two by a half."""
+    seconds, fine = np.arange(0.0, 3.0, 1 / 30), np.arange(0.0, 3.0, 1e-3)
+    pull = np.clip((fine - 1.0) / 0.2, 0.0, 1.0) * 3.4
+    path = np.cumsum(np.cumsum(np.where(pull >= 2.95, 0.5 * (pull - 2.95), 0.0))) * 1e-6
+    for seed in range(5):
+        signal = np.interp(seconds, fine, path) + np.random.default_rng(seed).normal(scale=1e-3, size=len(seconds))
+        seen = int(np.argmax(np.interp(seconds, fine, path) > 6e-3))
+        _, moved, _, sudden = onset(seconds, signal, 1e-3, seen, (fine, pull), 0.0, 1.0, 3e-4, 4 / 30)
+        assert moved == pytest.approx(fine[np.argmax(path > 3e-4)], abs=0.03)
+        assert sudden < 5.0
 
 
 def test_an_object_elsewhere_is_found_and_allowed_for(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ _RESTING = 0.6
 _STEP = 0.01
 """s between the moments that are tried."""
 _AMPLITUDES = np.geomspace(0.5, 2.0, 9)
-"""Of the motion against that of a body with the declared sizes."""
+"""Of the motion against that of a body with the declared sizes, whose friction stays as it was at its release."""
 _TAILS = 20.0
 """Degrees of freedom of the noise."""
 _FREE = 1.5
@@ -55,8 +55,9 @@ def onset(
     log, crossed = [], []
     for at in begins:
         excess = np.where(clock >= at, pull - max(float(np.interp(at, clock, pull)), 0.0), 0.0)
-        for scale in _AMPLITUDES if stiffness else (1.0,):
-            path = _released(gain * scale * excess, stiffness)
+        alone = _released(gain * excess, 0.0)
+        for scale in _AMPLITUDES:
+            path = _released(gain * scale * excess, stiffness) if stiffness else scale * alone
             log.append(_likelihood(np.interp(times, clock, path), values, noise))
             crossed.append((at, _crossing(clock, path, visible, at)))
         steady = np.maximum(clock - at, 0) ** 2
