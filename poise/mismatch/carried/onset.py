@@ -55,9 +55,7 @@ def onset(
     log, crossed = [], []
     for at in begins:
         excess = np.where(clock >= at, pull - max(float(np.interp(at, clock, pull)), 0.0), 0.0)
-        alone = _released(gain * excess, 0.0)
-        for scale in _AMPLITUDES:
-            path = _released(gain * scale * excess, stiffness) if stiffness else scale * alone
+        for path in _paths(gain * excess, stiffness):
             log.append(_likelihood(np.interp(times, clock, path), values, noise))
             crossed.append((at, _crossing(clock, path, visible, at)))
         steady = np.maximum(clock - at, 0) ** 2
@@ -76,6 +74,13 @@ def _sudden(weights: Array) -> float:
     """Log likelihood of a steady acceleration, the last column, over that of what the base's acceleration can cause."""
     steady, caused = weights[:, -1].mean(), weights[:, :-1].mean()
     return float(np.log(max(steady, 1e-300)) - np.log(max(caused, 1e-300)))
+
+
+def _paths(excess: Array, stiffness: float) -> list[Array]:
+    """(C,) m for each amplitude; without stiffness they are in proportion."""
+    if stiffness:
+        return [_released(scale * excess, stiffness) for scale in _AMPLITUDES]
+    return list(_AMPLITUDES[:, None] * _released(excess, 0.0))
 
 
 def _released(excess: Array, stiffness: float) -> Array:
