@@ -23,6 +23,8 @@ _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
 _REFINED, _STEPS, _KEPT = 3, 40, 2
 """Cords that are refined, steps of each, and starting points."""
+_UNDAMPED, _USUAL, _MOST = 1e-3, 0.05, 2.0
+"""s, damping relative to stiffness: of a cord that is as good as undamped, from which a search begins, and the most."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
 
@@ -54,7 +56,7 @@ class Cable(Effect):
             *anchors,
             *hooks,
             EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False),
-            EffectParameter("damping_time", "s", scale=0.05, low=0.0, high=2.0, linear=False, peaked=True, hidden=True),
+            EffectParameter("damping_time", "s", low=_UNDAMPED, high=_MOST, linear=False, log=True, hidden=True),
             EffectParameter("stiffness", "N/m", 30.0, positive=True),
         )
 
@@ -74,7 +76,7 @@ class Cable(Effect):
 
             place, turn = self._hook(few, hook | {"on_base": on_base})
             force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
-            tried = [np.array([*cord, *hook.values(), 0.0]) for cord in _likely_cords(place, force)]
+            tried = [np.array([*cord, *hook.values(), _USUAL]) for cord in _likely_cords(place, force)]
             tried.sort(key=lambda cord: float(np.sum(unexplained(cord) ** 2)))
             refined = [least_squares(unexplained, cord, max_nfev=_STEPS, x_scale=0.1) for cord in tried[:_REFINED]]
             refined.sort(key=lambda each: float(each.cost))
@@ -134,8 +136,8 @@ class Cable(Effect):
 def _cord(numbers: Array, on_base: float) -> dict[str, float]:
     """The non-linear values of a cord."""
     values = dict(zip(_CORD, numbers.tolist(), strict=True))
-    lengths = {name: abs(values[name]) for name in ("rest_length", "damping_time")}
-    return {"on_base": on_base, **values, **lengths}
+    damping_time = float(np.clip(abs(values["damping_time"]), _UNDAMPED, _MOST))
+    return {"on_base": on_base, **values, "rest_length": abs(values["rest_length"]), "damping_time": damping_time}
 
 
 def _likely_cords(place: Array, force: Array) -> list[Array]:

@@ -186,6 +186,14 @@ def test_a_cord_with_a_strong_damper_never_pushes():
     assert pull.max() > 1.0
 
 
+def test_a_cord_without_damping_is_possible():
+    at, cable = recorded(), effect_named("cable")
+    pulled = response("cable", at, **TYPICAL["cable"] | {"damping_time": 0.0})
+    for start in cable.starts(at, pulled):
+        assert start["damping_time"] < 0.02
+        assert cable.implausible(at, start | {"stiffness": 25.0}) == ""
+
+
 def test_a_cable_of_an_earlier_version_states_its_damping():
     at, cable = fine(), effect_named("cable")
     values = TYPICAL["cable"]
