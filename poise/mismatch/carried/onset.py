@@ -33,7 +33,8 @@ def onset(
     """When an object was released, when it had moved by `visible`, one sigma of these, s, and how sudden that was.
 
     A released object is accelerated by what exceeds the acceleration at its release: by all of it if it slips, by a
-    part of it, and by its own weight, if it tips. A third way is a steady acceleration, as after a push.
+    part of it, and by its own weight, if it tips, each within a factor of two. A third way is a steady acceleration, as
+    after a push.
 
     Args:
         seconds, signal: (N,) s, (N,) m along the way it moves.
