@@ -8,7 +8,7 @@ import scipy
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.regular_clock import regular_clock
-from poise.robot.rest import find_rests
+from poise.robot.rest import encoder_step, find_rests
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
@@ -33,6 +33,10 @@ _NOISY = 2.2
 """Local scatter about a spline that noise alone may cause, in units of its variance."""
 _RINGING = 2.0
 """Knot spacings on either side of a misfit within which a spline rings."""
+_COARSE, _INEXACT = 0.5, 0.03
+"""Share of the noise from which on it is that of rounding, and least noise beside that, in steps of the encoder."""
+_OVER = np.sqrt(2 / np.pi)
+"""Share of the samples that white noise of one sigma takes beyond half a step of the encoder, times steps per sigma."""
 _NOISELESS = 1e-9
 """m or rad: less noise than any encoder or odometry has."""
 _HONEST = 2.5
@@ -125,7 +129,7 @@ class _Blend:
         self.noise = np.maximum(self.noise, 1e-12)
         self.spacing = np.array([grid.spacing for grid in grids])[best]
         """(J,) s between the knots that suit the whole stretch."""
-        self._seconds = seconds
+        self._seconds, self._step = seconds, encoder_step(values.T)
         # A base's odometry has more noise while it drives than at rest: the former counts.
         local = self._around((values - plain[-1](seconds)) ** 2)
         self.noise *= np.sqrt(
@@ -138,6 +142,10 @@ class _Blend:
                 fit.with_slopes(columns, fit.slope_sums(slopes), np.full(len(columns), weight)) for fit in plain
             ]
             best = np.argmin([fit.score() for fit in self._fits], axis=0)
+        off = values - np.stack([self._fits[i](seconds)[:, j] for j, i in enumerate(best)], axis=1)
+        over = np.mean(np.abs(off) > self._step / 2, axis=0)
+        self._rounded = self._step > _COARSE * np.sqrt(12.0) * self.noise
+        self._beside = np.maximum(over / _OVER, _INEXACT) * self._step
         self._score = np.stack([self._local(fit, values, slopes, weight) for fit in self._fits])
         self._misfits = [self._misfit(fit, values) for fit in self._fits]
         # Much closer knots than the whole signal needs would fit noise where it is locally larger.
@@ -146,11 +154,20 @@ class _Blend:
 
     def _local(self, fit: SplineFit, values: Array, slopes: Array | None, weight: float) -> Array:
         """(M, J) local log likelihood, less `_PRICE` for every coefficient spent nearby."""
-        square = ((values - fit(self._seconds)) / self.noise) ** 2
+        square = self._beyond_rounding(values - fit(self._seconds))
         if slopes is not None:
             square = square + weight * ((slopes - fit(self._seconds, 1)) / self.noise) ** 2
         spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
         return self._around(-0.5 * square) - _PRICE * spent
+
+    def _beyond_rounding(self, off: Array) -> Array:
+        """(M, J) squares of residuals in units of the noise, for a rounded signal of what exceeds half a step.
+
+        Rounding is no white noise: at a constant speed near a whole number of steps per sample its error is a slow saw
+        tooth, which splines with close knots follow. All splines within half a step agree with the samples.
+        """
+        beyond = np.maximum(np.abs(off) - self._step / 2, 0.0) / np.maximum(self._beside, 1e-12)
+        return np.asarray(np.where(self._rounded, beyond, off / self.noise) ** 2)
 
     def _around(self, values: Array) -> Array:
         """(M, J) sums over `_LOCAL` seconds, smoothly weighted."""

@@ -22,6 +22,9 @@ _SHORTEST = 1.5
 """Knot spacings; shorter stretches without motion are turning points."""
 _MARGIN = 3.0
 """Knot spacings between a rest and motion: half the width of a quintic B-spline."""
+_EQUAL, _REGULAR, _OFTEN = 1e-12, 0.02, 0.99
+"""Difference of two equal samples, as a share of the largest one; how near a difference is to a multiple of the encoder's
+step, in steps, and for which share of them it must be."""
 _QUANTISED_COUNT = 12.0
 """Independent samples that a constant quantised reading is worth, however long it lasts."""
 
@@ -66,7 +69,7 @@ def find_rests(seconds: Array, values: Array, spacing: Array) -> list[list[Rest]
     bins = _Bins(rows.mean(axis=2), rows.var(axis=2, ddof=1), size, period)
     quiet = _lower_quartile(_about_line(seconds[: count * size].reshape(count, size), rows))
     quiet /= _quartile_share(size - 2)
-    step = _encoder_step(columns)
+    step = encoder_step(columns)
     rounding = np.finfo(np.float64).eps * np.abs(bins.means).max(axis=1)
     noise = np.maximum.reduce([quiet, step**2 / 12.0, rounding**2, np.full(len(step), 1e-300)])
     agree = sliding_window_view(bins.means, _BINS, axis=1).var(axis=2) * _BINS * size <= _LOCAL_LIMIT * noise[:, None]
@@ -180,13 +183,14 @@ def _is_constant(means: Array, variance: float) -> bool:
     return bool(off @ off <= variance * (freedom + _SIGMAS * np.sqrt(2.0 * freedom) + 6.0))
 
 
-def _encoder_step(values: Array) -> Array:
-    """(J,) resolution of quantised signals (J, N); 0 when consecutive samples are hardly ever equal."""
+def encoder_step(values: Array) -> Array:
+    """(J,) resolution of quantised signals (J, N): all differences are multiples of the smallest; else 0."""
     steps = np.abs(np.diff(values, axis=1))
-    moves = steps > 1e-12 * np.maximum(np.abs(values).max(axis=1), 1e-300)[:, None]
-    count = np.count_nonzero(moves, axis=1)
+    moves = steps > _EQUAL * np.maximum(np.abs(values).max(axis=1), 1e-300)[:, None]
     least = np.min(steps, axis=1, where=moves, initial=np.inf)
-    return np.where((count > 0) & (count < 0.8 * steps.shape[1]), least, 0.0)
+    counts = steps / least[:, None]
+    regular = np.mean(np.abs(counts - np.round(counts)) < _REGULAR, axis=1) > _OFTEN
+    return np.where(moves.any(axis=1) & regular, least, 0.0)
 
 
 def _rest(seconds: Array, values: Array, bounds: tuple[int, int], noise: float, step: float) -> Rest:

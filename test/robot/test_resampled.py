@@ -28,3 +28,19 @@ def test_smooth_motion_does_not_ring() -> None:
     noise = np.random.default_rng(5).normal(scale=1e-5, size=len(seconds))
     found = resample(seconds, (position + noise)[:, None], seconds)
     assert np.nanmax(found.sigma[2]) < 1e-3 * np.nanmax(np.abs(found.acceleration))
+
+
+@pytest.mark.parametrize("steps_per_sample", [21.96, 22.02, 21.5, 21.37])
+def test_the_rounding_of_an_encoder_at_constant_speed_is_no_vibration(steps_per_sample: float) -> None:
+    """Near a whole number of steps per sample, rounding is a saw tooth of some 20 to 40 Hz, and no white noise."""
+    period, step = 1e-3, 2 * np.pi / 2**17
+    seconds = np.arange(0, 6, period)
+    ramp = 2 * np.sin(np.pi * np.arange(300) / 300) ** 2 / 300 * steps_per_sample * step / period**2
+    acceleration = np.zeros_like(seconds)
+    for begin, sense in ((0, 1), (1700, -1), (2000, -1), (3700, 1), (4000, 1), (5700, -1)):
+        acceleration[begin : begin + 300] += sense * ramp
+    position = np.cumsum(np.cumsum(acceleration)) * period**2
+    found = resample(seconds, (np.round(position / step) * step)[:, None], seconds[500:-500:4])
+    cruising = slice(0, 250)  # 0.5 to 1.5 s
+    assert np.std(found.acceleration[cruising, 0]) < 0.02  # it was 0.7 rad/s2
+    assert found.sigma[2, cruising].max() < 0.2
