@@ -23,8 +23,8 @@ _SHORTEST = 1.5
 _MARGIN = 3.0
 """Knot spacings between a rest and motion: half the width of a quintic B-spline."""
 _EQUAL, _REGULAR, _OFTEN = 1e-12, 0.02, 0.99
-"""Difference of two equal samples, as a share of the largest one; how near a difference is to a multiple of the encoder's
-step, in steps, and for which share of them it must be."""
+"""Difference of two equal samples, as a share of the largest one; how near a difference is to a multiple of the step of
+an encoder, in steps, and for which share of them it must be."""
 _QUANTISED_COUNT = 12.0
 """Independent samples that a constant quantised reading is worth, however long it lasts."""
 

@@ -217,10 +217,12 @@ def probability_of_none(state: HypothesisSearch, unproven: Collection[str]) -> f
     """Probability that nothing of the library is there.
 
     Effects that were not tried, or whose evidence counts for nothing because they lack a proof or lie inside the
-    tolerances, keep their prior odds.
+    tolerances, keep their prior odds. So do those that explain less than what was refused: they would follow the same.
     """
     found = _evidences(state)
     void = {each for each in found if each in state.within or not set(unproven).isdisjoint(each)}
+    refused = max((found[each] for each in void), default=-math.inf)
+    void |= {each for each, value in found.items() if value <= refused}
     found |= dict.fromkeys([*void, *((name,) for name in state.late)], found[()])
     evidence = {names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in found.items()}
     top = max(evidence.values())

@@ -14,7 +14,13 @@ from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, cali
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
 from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
-from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, unknown_physics
+from poise.mismatch.answer.unknown_physics import (
+    UnknownPhysics,
+    likelihoods,
+    unclear,
+    undetermined,
+    unknown_physics,
+)
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
@@ -304,7 +310,7 @@ def _examined(
         best=best,
         search=state,
         findings=(*(each for each in named if each not in unnamed), *detected),
-        unknown=unknown_physics(final, best, rest, unnamed),
+        unknown=unknown_physics(final, best, rest, undetermined(final, unnamed)),
         residual_test=rest,
         windows=locate(final.recorded, off, final.noise, channels),
         calibration=calibration_estimates(final, best),

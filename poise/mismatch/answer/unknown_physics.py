@@ -11,12 +11,15 @@ from poise.mismatch.inference import (
     DependenceCurve,
     HypothesisFit,
     Problem,
+    allowed_excess,
     dependence_curve,
     state_description,
 )
 
 _LEAST_NAMED = 0.45
 """Probability below which an effect is not named: all other causes together are likelier."""
+_NEGLIGIBLE = 0.1
+"""Probability of an effect and all its rivals below which they explain nothing, if the rest is noise without them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,21 @@ class UnknownPhysics:
 def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The effects of an answer that other causes explain too often to be named."""
     return [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
+
+
+def undetermined(problem: Problem, unnamed: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """The effects without a name that show that something acts: possible ones, and those that leave more than noise."""
+    within = 1.0 + allowed_excess(problem)
+    return [
+        each
+        for each in unnamed
+        if _possible(each) >= _NEGLIGIBLE or each.proof is None or each.proof.error_without**2 > within
+    ]
+
+
+def _possible(each: NamedEffect) -> float:
+    """Probability of an effect and of its rivals together."""
+    return each.belief.probability + sum(chance for _, chance in each.belief.rivals)
 
 
 def _unknown_as_likely(each: NamedEffect) -> bool:

@@ -27,6 +27,9 @@ _STEADY, _PER, _SUDDEN = 8.0, 3.0, 4.0
 """How much better a steady acceleration of free size fits that as probably follows a push as not (development cases:
 caused motions -5 to 7, nine of ten slips after a push over 18), what one more of it counts, and most that the course of
 a motion says, in logarithms of a probability."""
+_ROCKS, _BARELY, _ROCKED = 0.6, 1.2, 0.1
+"""s within which an object that was barely lifted falls back and leans the other way, the load over the limit that
+barely lifts it, and the probability of that."""
 _SOMETHING_ELSE = 0.01
 """Probability that a part does what a cause elsewhere does not explain."""
 _UPRIGHT = np.deg2rad(10.0)
@@ -118,19 +121,32 @@ def probability(
     if first is None:
         return 1 - _passed(_most_at(found, seconds, part.until), spread)
     around = _TOGETHER + 2 * first.deviation
-    early, late = _most_at(found, seconds, first.released - around), _most_at(found, seconds, first.time + around)
-    chance = _passed(late, spread) - _passed(early, spread)
-    if chance < 1e-9:
-        return chance
-    # what the strongest acceleration of that time asks for, not what came before and was withstood
-    near = (seconds >= first.released - around) & (seconds <= first.time + around)
-    at = int(np.flatnonzero(near)[np.argmax(found.load[near])]) if near.any() else 0
-    mode = "slip" if limits.slips(acceleration[at]) else "tip"
-    chance *= 1.0 if mode == first.mode else _OTHER_MODE
-    chance *= _of_way(first, acceleration[at])
-    if len(part.names) > 1 and first.object not in mode_at(part.scene, acceleration[at])[1]:
-        chance *= _OTHER_OBJECT
+    begin, end = first.released - around, first.time + around
+
+    def gives_way(begin: float, end: float, over: float, sense: float) -> float:
+        """Between two times, s, at a load of at most `over`, towards where it was seen to move, or away from there."""
+        early, late = _most_at(found, seconds, begin), _most_at(found, seconds, end)
+        chance = _passed(late, spread) - _passed(max(early, late / over), spread)
+        near = np.flatnonzero((seconds >= begin) & (seconds <= end))
+        if chance < 1e-9 or not len(near):
+            return max(chance, 0.0)
+        # what the strongest acceleration of that time asks for, not what came before and was withstood
+        strongest = acceleration[near[np.argmax(found.load[near])]]
+        chance *= _of_mode(limits.tips_by(strongest), first.mode, tolerance) * _of_way(first, sense * strongest)
+        moves = len(part.names) == 1 or first.object in mode_at(part.scene, strongest)[1]
+        return chance * (1.0 if moves else _OTHER_OBJECT)
+
+    chance = gives_way(begin, end, np.inf, 1.0)
+    if first.mode == "tip":
+        chance = (1 - _ROCKED) * chance + _ROCKED * gives_way(begin - _ROCKS, begin, _BARELY, -1.0)
     return chance
+
+
+def _of_mode(tips_by: float, mode: str, tolerance: float) -> float:
+    """Likelihood of a mode, where the limits of both have an error."""
+    tips = float(ndtr(tips_by / (np.sqrt(2) * tolerance)))
+    right = tips if mode == "tip" else 1 - tips
+    return right + _OTHER_MODE * (1 - right)
 
 
 def _of_way(first: CarriedMotion, acceleration: Array) -> float:

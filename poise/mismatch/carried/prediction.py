@@ -15,8 +15,8 @@ _AROUND = 8
 """Level directions beside those that `acceleration_limits` adds."""
 _STRONG = 0.3
 """Share of the largest acceleration from which on a direction is one of them."""
-_ROUGH = 5.0
-"""Coefficient of friction with which nothing slips."""
+_ROUGH, _SMOOTH = 5.0, 0.5
+"""Coefficient of friction with which nothing slips, and a factor of friction with which most things slip."""
 _SLIPS = 0.97
 """Share of the limit without slipping below which an object slips."""
 _CERTAIN = 20.0
@@ -85,16 +85,24 @@ class SceneLimits:
         return Loading(load, np.maximum.accumulate(load))
 
     @cached_property
-    def rough(self) -> AccelerationLimits:
-        """The limits without slipping."""
+    def without_slipping(self) -> AccelerationLimits:
+        """The limits of tipping alone."""
         return acceleration_limits(_roughened(self.scene), _AROUND, turning=False)
 
-    def slips(self, acceleration: Array) -> bool:
-        """Whether an acceleration (3,) that grows lets something slip before it tips."""
+    @cached_property
+    def smooth(self) -> AccelerationLimits:
+        """The limits with half of the friction."""
+        return acceleration_limits(_smoothed(self.scene), _AROUND, turning=False)
+
+    def tips_by(self, acceleration: Array) -> float:
+        """Logarithm of the limit of slipping over that of tipping, along an acceleration (3,): tipping is first if > 0.
+
+        The limit of slipping is proportional to friction. It is not known beyond twice the limit of tipping.
+        """
         if self.limits is None:
-            return False
-        with_friction, without = (float(_inside(found, acceleration[None])[0]) for found in (self.limits, self.rough))
-        return without < _SLIPS * with_friction
+            return float("inf")
+        tips, slips = (float(_inside(found, acceleration[None])[0]) for found in (self.without_slipping, self.smooth))
+        return float(np.log(max(tips, 1e-9) / max(_SMOOTH * slips, 1e-9)))
 
 
 def _inside(found: AccelerationLimits, acceleration: Array) -> Array:
@@ -117,6 +125,14 @@ def _roughened(scene: Assembly) -> Assembly:
     """A scene in which nothing slips."""
     pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
     return replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
+
+
+def _smoothed(scene: Assembly) -> Assembly:
+    """A scene with half of the friction."""
+    pairs = tuple(replace(pair, coefficient=_SMOOTH * pair.coefficient) for pair in scene.friction_pairs)
+    return replace(
+        scene, friction=_SMOOTH * scene.friction if scene.friction is not None else None, friction_pairs=pairs
+    )
 
 
 def _directions(acceleration: Array) -> Array:
