@@ -211,6 +211,37 @@ def test_direction_and_course_tell_a_push_from_a_slip() -> None:
     assert of_course(fast, pushed=True) > 20 * of_course(fast, pushed=False)
 
 
+@pytest.mark.parametrize(("friction", "share"), [(0.49, 1.0), (0.51, 1.0), (0.6, 0.1)])
+def test_both_modes_are_likely_where_their_limits_are_nearly_equal(friction: float, share: float) -> None:
+    """A box that is twice as high as it is wide tips at a friction of 0.5; a slip is seen."""
+    seconds = np.arange(0.0, 8.0, 0.02)
+    acceleration = np.zeros((len(seconds), 3))
+    acceleration[:, 0] = np.clip((seconds - 5.0) / 0.3, 0, 1) * 5.2
+    seen = Part(scene(friction, 0.2), ("box",), CarriedMotion("box", "slip", 5.28, 0.02, 0.01, 0.0, 5.26), 8.0)
+    chances = [
+        probability(SceneLimits.of(scene(each, 0.2)), acceleration, 0.08, seen, seconds, 0.05)
+        for each in (0.49, friction)
+    ]
+    assert chances[1] == pytest.approx(share * chances[0], rel=0.5)
+
+
+def test_an_object_that_was_barely_lifted_falls_back_and_tips_the_other_way() -> None:
+    """The first pulse is hardly over the limit, the opposite one half a second later is under it."""
+    seconds = np.arange(0.0, 8.0, 0.02)
+    acceleration = np.zeros((len(seconds), 3))
+    tips = 0.5 * GRAVITY
+    acceleration[:, 0] = tips * (1.02 * (np.abs(seconds - 5.0) < 0.1) - 0.7 * (np.abs(seconds - 5.5) < 0.1))
+    limits = SceneLimits.of(scene(0.9, 0.2))
+
+    def chance(time: float, way: float) -> float:
+        moved = CarriedMotion("box", "tip", time, 0.02, 0.1, 0.5, time - 0.02, (way, 0.0))
+        return probability(limits, acceleration, 0.08, Part(scene(0.9, 0.2), ("box",), moved, 8.0), seconds, 0.05)
+
+    assert chance(4.92, -1.0) > chance(5.45, 1.0) > 0.05
+    assert chance(5.45, -1.0) < 0.1 * chance(5.45, 1.0)
+    assert chance(7.0, 1.0) < 1e-3
+
+
 def test_a_slip_that_is_slower_than_its_release_says_is_no_push() -> None:
     """Small errors of the limit and of the acceleration change the small difference of the two by a half."""
     seconds, fine = np.arange(0.0, 3.0, 1 / 30), np.arange(0.0, 3.0, 1e-3)

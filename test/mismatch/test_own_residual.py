@@ -11,10 +11,10 @@ from test_proof import Pull, pulled
 from poise.mismatch import diagnose
 from poise.mismatch.answer import NamedEffect, effects_called
 from poise.mismatch.answer.belief import BeliefBasis, EffectBelief
-from poise.mismatch.answer.unknown_physics import likelihoods, unclear
+from poise.mismatch.answer.unknown_physics import likelihoods, unclear, undetermined
 from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
-from poise.mismatch.inference.proof import cancelling
+from poise.mismatch.inference.proof import EffectProof, cancelling
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion, at_times
 
@@ -142,3 +142,13 @@ def test_an_effect_with_likelier_rivals_is_not_named_but_said():
     weak, sure = named(0.2), named(0.6)
     assert unclear([weak, sure]) == [weak]
     assert likelihoods(weak) == "joint_offset 20 %, base_tilt 30 %"
+
+
+@pytest.mark.parametrize(("chance", "error", "kept"), [(0.02, 0.9, False), (0.02, 2.0, True), (0.3, 0.9, True)])
+def test_an_effect_that_is_contradicted_is_no_unknown_physics_where_the_rest_is_noise_without_it(chance, error, kept):
+    case, effect = make_case(3, duration=6.0), effect_named("grasp_compliance")
+    assert effect is not None
+    belief = EffectBelief(chance, (), (), None)
+    proof = EffectProof(6, 5, error, 0.9, 16.0, 0.01, 0.0, 0.5, 8.0, 0.1, 0.0)
+    found = NamedEffect(effect, {}, np.zeros((0, 0)), belief, {}, (), "", proof)
+    assert undetermined(wrench_problem(case.recorded(), case.model), [found]) == [found] * kept

@@ -292,3 +292,16 @@ def test_what_is_refused_leaves_the_probability_that_nothing_is_there() -> None:
     assert probability_of_none(state, ("pull",)) > 0.9
     state.within.add(("pull",))
     assert probability_of_none(state, ()) > 0.9
+
+
+def test_what_explains_less_than_what_was_refused_follows_the_same() -> None:
+    recorded, model = pulled(3.0)
+    problem = wrench_problem(recorded, model)
+    state = HypothesisSearch(problem)
+    bare = fit(problem, ())
+    state.offer(bare)
+    state.fitted(problem, [FittedEffect(Pull(np.inf), {"force": 0.0})], 2)
+    state.gains[(), "slosh"] = 20.0
+    assert probability_of_none(state, ("pull",)) > 0.9
+    state.gains[(), "slosh"] = 1e6
+    assert probability_of_none(state, ("pull",)) < 0.1
