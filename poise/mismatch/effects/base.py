@@ -27,6 +27,8 @@ LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction"
 
 _EDGE = 1e-6
 """Of the unit interval: a fit stops a parameter this far from an end of its range."""
+_LONGEST = 0.2
+"""Longest step of a fit in the prior of a parameter, as a share of its width."""
 _END = 1e-4
 """Of the unit interval: a parameter this close to an end of its range was stopped there."""
 
@@ -106,10 +108,12 @@ class EffectParameter:
         """The value after a step in its prior, limited to its range.
 
         Of a peaked prior the step follows the tangent: a response is nearly linear in the value, not in its place.
+        Other responses are linear nearby only: far away, one parameter of many may end in a valley of its own.
         """
         least, most = self.from_unit(_EDGE), self.from_unit(1.0 - _EDGE)
         if not self.peaked:
-            return self.from_unit(min(max(self.to_unit(value) + step, _EDGE), 1.0 - _EDGE))
+            near = min(max(step, -_LONGEST), _LONGEST)
+            return self.from_unit(min(max(self.to_unit(value) + near, _EDGE), 1.0 - _EDGE))
         width = self._stretched(self.high) - self._stretched(self.low)
         rate = width * self.scale * (1.0 + (value / self.scale) ** 2)
         return min(max(value + step * rate, least), most)

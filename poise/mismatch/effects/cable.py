@@ -21,8 +21,8 @@ _DISTANCES = (0.3, 0.7, 1.2, 2.0)
 """m, along the mean force, of anchors from which the search begins: the lines of small motions hardly meet."""
 _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
-_REFINED, _STEPS, _KEPT = 3, 40, 2
-"""Cords that are refined, steps of each, and starting points."""
+_REFINED, _STEPS, _ROUGHLY, _KEPT = 3, 40, 1e-3, 2
+"""Cords that are refined, steps of each, relative changes of cord and error that end them, and starting points."""
 _UNDAMPED, _USUAL, _MOST = 1e-3, 0.05, 2.0
 """s, damping relative to stiffness: of a cord that is as good as undamped, from which a search begins, and the most."""
 _FARTHEST = 3.0
@@ -78,7 +78,10 @@ class Cable(Effect):
             force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
             tried = [np.array([*cord, *hook.values(), _USUAL]) for cord in _likely_cords(place, force)]
             tried.sort(key=lambda cord: float(np.sum(unexplained(cord) ** 2)))
-            refined = [least_squares(unexplained, cord, max_nfev=_STEPS, x_scale=0.1) for cord in tried[:_REFINED]]
+            refined = [
+                least_squares(unexplained, cord, max_nfev=_STEPS, x_scale=0.1, ftol=_ROUGHLY, xtol=_ROUGHLY)
+                for cord in tried[:_REFINED]
+            ]
             refined.sort(key=lambda each: float(each.cost))
             middle = place.mean(axis=0)
             near = [each.x for each in refined if float(np.linalg.norm(each.x[:3] - middle)) < _FARTHEST]

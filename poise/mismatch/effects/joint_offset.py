@@ -32,7 +32,7 @@ class JointOffset(Effect):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return -joint_columns(recorded)
+        return recorded.once("joint offsets", lambda: -joint_columns(recorded))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         names = () if recorded.joints is None else recorded.joints.names
