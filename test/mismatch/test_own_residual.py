@@ -152,3 +152,10 @@ def test_an_effect_that_is_contradicted_is_no_unknown_physics_where_the_rest_is_
     proof = EffectProof(6, 5, error, 0.9, 16.0, 0.01, 0.0, 0.5, 8.0, 0.1, 0.0)
     found = NamedEffect(effect, {}, np.zeros((0, 0)), belief, {}, (), "", proof)
     assert undetermined(wrench_problem(case.recorded(), case.model), [found]) == [found] * kept
+
+
+def test_one_joint_cannot_distinguish_its_zero_from_a_tilted_base():
+    effect = effect_named("joint_offset")
+    assert effect is not None
+    assert effect.twins({"offset_1": 0.02}) == ("base_tilt",)
+    assert effect.twins({"offset_1": 0.02, "offset_2": 0.0}) == ()

@@ -232,7 +232,7 @@ class Effect(ABC):
         return values
 
     def twins(self, values: Values) -> tuple[str, ...]:
-        """Names of effects that contain this one, and that are as likely at these values."""
+        """Names of effects that contain this one or act alike, and that are as likely at these values."""
         del values
         return ()
 

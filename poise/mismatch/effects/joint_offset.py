@@ -34,6 +34,10 @@ class JointOffset(Effect):
         del nonlinear
         return recorded.once("joint offsets", lambda: -joint_columns(recorded))
 
+    def twins(self, values: Values) -> tuple[str, ...]:
+        """A single joint sees a tilt of its base about its axis alone, which is an offset."""
+        return ("base_tilt",) if len(values) == 1 else ()
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         names = () if recorded.joints is None else recorded.joints.names
         offsets = [values[f"offset_{i}"] for i in range(1, len(names) + 1)]

@@ -43,6 +43,9 @@ class _OnEfforts(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return self._inner.derived(recorded, values)
 
+    def twins(self, values: Values) -> tuple[str, ...]:
+        return self._inner.twins(values)
+
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
         return self._inner.imitated(recorded, values)
 
