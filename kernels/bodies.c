@@ -1,204 +1,204 @@
 /* Linear systems of pairs of bodies: block Cholesky where they are symmetric, otherwise block LU with exchanges of rows
-   within the diagonal blocks. */
+   within the diagonal blocks. All products are sums of rows: blocks of L are transposed for that. */
 #include "bodies.h"
 
 #include <math.h>
 #include <string.h>
 
 int64_t bodies_room(const struct bodies *bodies, int symmetric) {
-  return BLOCK * (bodies->count + (symmetric ? 1 : 2) * bodies->below) + BEYOND;
+  return WIDTH * (SIDE * (bodies->count + (symmetric ? 1 : 2) * bodies->below) + 2 * bodies->count + 1);
 }
 
 struct body_matrix bodies_laid_out(const struct bodies *bodies, int symmetric, double *room, int64_t *whole) {
-  struct body_matrix matrix = {room, room + BLOCK * bodies->count, NULL, whole, whole + SIDE * bodies->count};
-  if (!symmetric) matrix.upper = matrix.lower + BLOCK * bodies->below;
+  const uintptr_t size = sizeof(row_of_block), aligned = ((uintptr_t)room + size - 1) / size * size;
+  struct body_matrix matrix = {.exchanges = whole, .where = whole + SIDE * bodies->count};
+  matrix.diagonal = (row_of_block *)aligned;
+  matrix.lower = matrix.diagonal + SIDE * bodies->count;
+  matrix.right = matrix.lower + SIDE * bodies->below;
+  if (!symmetric) {
+    matrix.upper = matrix.right;
+    matrix.right += SIDE * bodies->below;
+  }
   return matrix;
 }
 
 void bodies_clear(const struct bodies *bodies, struct body_matrix *matrix, double on_diagonal) {
-  memset(matrix->diagonal, 0, sizeof(double) * (size_t)bodies_room(bodies, !matrix->upper));
+  memset(matrix->diagonal, 0, sizeof(row_of_block) * (size_t)(matrix->right - matrix->diagonal));
   for (int64_t body = 0; body < bodies->count; body++)
-    for (int i = 0; i < SIDE; i++) matrix->diagonal[BLOCK * body + (SIDE + 1) * i] = on_diagonal;
+    for (int i = 0; i < SIDE; i++) matrix->diagonal[SIDE * body + i][i] = on_diagonal;
 }
 
-void bodies_add(const struct bodies *bodies, struct body_matrix *matrix, int64_t pair, const double *stiffness) {
-  for (int side = 0; side < 2; side++) {
-    const int64_t body = bodies->sides[2 * pair + side];
-    if (body >= 0)
-      for (int i = 0; i < BLOCK; i++) matrix->diagonal[BLOCK * body + i] += stiffness[i];
-  }
-  if (bodies->place[pair] < 0) return;
-  double *below = matrix->lower + BLOCK * bodies->place[pair];
-  for (int i = 0; i < BLOCK; i++) below[i] -= stiffness[i];
-  if (!matrix->upper) return;
-  double *above = matrix->upper + BLOCK * bodies->place[pair]; /* transposed */
-  for (int i = 0; i < SIDE; i++)
-    for (int j = 0; j < SIDE; j++) above[SIDE * j + i] -= stiffness[SIDE * i + j];
-}
-
-/* out -= a b^T, with b^T given as `turned`. Reads two numbers beyond `out`. */
-static POISE_INLINE void subtract_product(double *restrict out, const double *restrict a,
-                                          const row_of_block *restrict turned) {
+/* out -= a^T b */
+static POISE_INLINE void subtract_product(row_of_block *restrict out, const row_of_block *restrict a,
+                                          const row_of_block *restrict b) {
   row_of_block rows[SIDE];
-  for (int i = 0; i < SIDE; i++) {
-    read_row(out + SIDE * i, rows + i);
-    for (int k = 0; k < SIDE; k++) rows[i] -= a[SIDE * i + k] * turned[k];
-  }
-  put_rows(rows, out);
-}
-
-/* b^T as rows. */
-static POISE_INLINE void turn(const double *b, row_of_block *turned) {
+  for (int i = 0; i < SIDE; i++) rows[i] = out[i];
   for (int k = 0; k < SIDE; k++)
-    turned[k] = (row_of_block){b[k], b[SIDE + k], b[2 * SIDE + k], b[3 * SIDE + k], b[4 * SIDE + k], b[5 * SIDE + k]};
-}
-
-static POISE_INLINE void transpose(const double *a, double *out) {
-  for (int i = 0; i < SIDE; i++)
-    for (int j = 0; j < SIDE; j++) out[SIDE * j + i] = a[SIDE * i + j];
+    for (int i = 0; i < SIDE; i++) rows[i] -= a[k][i] * b[k];
+  for (int i = 0; i < SIDE; i++) out[i] = rows[i];
 }
 
 /* The diagonal block becomes its lower factor. */
-static int factor_symmetric_block(double *a) {
+static POISE_INLINE int factor_symmetric_block(row_of_block *a) {
   for (int j = 0; j < SIDE; j++) {
-    double sum = a[SIDE * j + j];
-    for (int k = 0; k < j; k++) sum -= a[SIDE * j + k] * a[SIDE * j + k];
+    double sum = a[j][j];
+    for (int k = 0; k < j; k++) sum -= a[j][k] * a[j][k];
     if (!(sum > 0.0)) return POISE_NOT_POSITIVE;
     const double pivot = sqrt(sum);
-    a[SIDE * j + j] = pivot;
+    a[j][j] = pivot;
     for (int i = j + 1; i < SIDE; i++) {
-      double below = a[SIDE * i + j];
-      for (int k = 0; k < j; k++) below -= a[SIDE * i + k] * a[SIDE * j + k];
-      a[SIDE * i + j] = below / pivot;
+      double below = a[i][j];
+      for (int k = 0; k < j; k++) below -= a[i][k] * a[j][k];
+      a[i][j] = below / pivot;
     }
   }
   return POISE_OK;
 }
 
 /* The diagonal block becomes L (with ones on the diagonal) and U, its rows exchanged as `exchanges` lists. */
-static int factor_block(double *a, int64_t *exchanges) {
+static POISE_INLINE int factor_block(row_of_block *a, int64_t *exchanges) {
   for (int k = 0; k < SIDE; k++) {
     int best = k;
     for (int i = k + 1; i < SIDE; i++)
-      if (fabs(a[SIDE * i + k]) > fabs(a[SIDE * best + k])) best = i;
+      if (fabs(a[i][k]) > fabs(a[best][k])) best = i;
     exchanges[k] = best;
-    if (a[SIDE * best + k] == 0.0 || !isfinite(a[SIDE * best + k])) return POISE_SINGULAR;
-    for (int j = 0; j < SIDE && best != k; j++) {
-      const double other = a[SIDE * k + j];
-      a[SIDE * k + j] = a[SIDE * best + j];
-      a[SIDE * best + j] = other;
-    }
+    const row_of_block pivot = a[best];
+    if (pivot[k] == 0.0 || !isfinite(pivot[k])) return POISE_SINGULAR;
+    a[best] = a[k];
+    a[k] = pivot;
+    row_of_block after = {0.0}; /* what is in column k and before it stays */
+    for (int j = k + 1; j < SIDE; j++) after[j] = pivot[j];
     for (int i = k + 1; i < SIDE; i++) {
-      const double factor = a[SIDE * i + k] /= a[SIDE * k + k];
-      for (int j = k + 1; j < SIDE; j++) a[SIDE * i + j] -= factor * a[SIDE * k + j];
+      const double factor = a[i][k] / pivot[k];
+      row_of_block row = a[i] - factor * after;
+      row[k] = factor;
+      a[i] = row;
     }
   }
   return POISE_OK;
 }
 
-/* Rows x of a (6, 6) become solutions of x T = a: T is upper, given as rows that are those of `t` or, where it is
-   `lower`, those of its transpose. A lower T has ones on its diagonal if `plain`. */
-static POISE_INLINE void divide(double *restrict a, const double *restrict t, int lower, int plain) {
-  double turned[BLOCK];
-  transpose(a, turned);
+/* Rows of b become T^-1 b: T is the lower triangle of t with ones on its diagonal, or if `turned`, the upper one
+   transposed, or if `plain` is 0, the lower one as it is. */
+static POISE_INLINE void divide(row_of_block *restrict b, const row_of_block *restrict t, int turned, int plain) {
+  row_of_block rows[SIDE];
   for (int j = 0; j < SIDE; j++) {
-    double *restrict row = turned + SIDE * j;
-    for (int k = 0; k < j; k++) {
-      const double weight = lower ? t[SIDE * j + k] : t[SIDE * k + j];
-      for (int i = 0; i < SIDE; i++) row[i] -= weight * turned[SIDE * k + i];
-    }
-    const double scale = plain ? 1.0 : 1.0 / t[SIDE * j + j];
-    for (int i = 0; i < SIDE; i++) row[i] *= scale;
+    rows[j] = b[j];
+    for (int k = 0; k < j; k++) rows[j] -= (turned ? t[k][j] : t[j][k]) * rows[k];
+    if (!plain) rows[j] *= 1.0 / t[j][j];
   }
-  transpose(turned, a);
-}
-
-static void exchange_columns(double *a, const int64_t *exchanges) {
-  for (int k = 0; k < SIDE; k++)
-    for (int r = 0; r < SIDE && exchanges[k] != k; r++) {
-      const double other = a[SIDE * r + k];
-      a[SIDE * r + k] = a[SIDE * r + exchanges[k]];
-      a[SIDE * r + exchanges[k]] = other;
-    }
+  for (int j = 0; j < SIDE; j++) b[j] = rows[j];
 }
 
 /* Take what column k contributes from the columns after it. */
 static POISE_INLINE void eliminate(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
   const int64_t first = bodies->starts[k], last = bodies->starts[k + 1];
-  row_of_block turned[SIDE] = {{0.0}}, turned_lower[SIDE] = {{0.0}};
+  const row_of_block *right = matrix->upper ? matrix->upper : matrix->lower;
   for (int64_t b = first; b < last; b++) {
     const int64_t column = bodies->rows[b];
     for (int64_t c = bodies->starts[column]; c < bodies->starts[column + 1]; c++) matrix->where[bodies->rows[c]] = c;
-    turn((matrix->upper ? matrix->upper : matrix->lower) + BLOCK * b, turned);
-    subtract_product(matrix->diagonal + BLOCK * column, matrix->lower + BLOCK * b, turned);
-    if (matrix->upper) turn(matrix->lower + BLOCK * b, turned_lower);
+    subtract_product(matrix->diagonal + SIDE * column, matrix->lower + SIDE * b, right + SIDE * b);
     for (int64_t a = b + 1; a < last; a++) {
       const int64_t at = matrix->where[bodies->rows[a]];
-      subtract_product(matrix->lower + BLOCK * at, matrix->lower + BLOCK * a, turned);
-      if (matrix->upper) subtract_product(matrix->upper + BLOCK * at, matrix->upper + BLOCK * a, turned_lower);
+      subtract_product(matrix->lower + SIDE * at, right + SIDE * b, matrix->lower + SIDE * a);
+      if (matrix->upper)
+        subtract_product(matrix->upper + SIDE * at, matrix->lower + SIDE * b, matrix->upper + SIDE * a);
     }
   }
 }
 
 POISE_WIDE int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
   for (int64_t k = 0; k < bodies->count; k++) {
-    double *pivot = matrix->diagonal + BLOCK * k;
+    row_of_block *pivot = matrix->diagonal + SIDE * k;
     int64_t *exchanges = matrix->exchanges + SIDE * k;
     const int status = matrix->upper ? factor_block(pivot, exchanges) : factor_symmetric_block(pivot);
     if (status) return status;
     for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++) {
       if (matrix->upper) {
-        divide(matrix->lower + BLOCK * b, pivot, 0, 0);
-        exchange_columns(matrix->upper + BLOCK * b, exchanges);
-        divide(matrix->upper + BLOCK * b, pivot, 1, 1);
+        row_of_block *above = matrix->upper + SIDE * b;
+        for (int i = 0; i < SIDE; i++) {
+          const row_of_block other = above[i];
+          above[i] = above[exchanges[i]];
+          above[exchanges[i]] = other;
+        }
+        divide(matrix->lower + SIDE * b, pivot, 1, 0);
+        divide(above, pivot, 0, 1);
       } else
-        divide(matrix->lower + BLOCK * b, pivot, 1, 0);
+        divide(matrix->lower + SIDE * b, pivot, 0, 0);
     }
     eliminate(bodies, matrix, k);
   }
   return POISE_OK;
 }
 
-/* out (6) -= a x */
-static POISE_INLINE void subtract_applied(const double *restrict a, const double *restrict x, double *restrict out) {
-  for (int i = 0; i < SIDE; i++) {
-    const double *row = a + SIDE * i;
-    out[i] -= (row[0] * x[0] + row[1] * x[1]) + (row[2] * x[2] + row[3] * x[3]) + (row[4] * x[4] + row[5] * x[5]);
-  }
-}
-
-/* out (6) -= a^T x */
-static POISE_INLINE void subtract_turned(const double *restrict a, const double *restrict x, double *restrict out) {
-  for (int j = 0; j < SIDE; j++)
-    for (int i = 0; i < SIDE; i++) out[i] -= a[SIDE * j + i] * x[j];
-}
-
-POISE_WIDE void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix, double *right) {
+/* x (count, many) becomes the solution, for 1 or 2 right sides. */
+static POISE_INLINE void solve_padded(const struct bodies *bodies, const struct body_matrix *matrix, row_of_block *x,
+                                      const int many) {
   const int plain = matrix->upper != NULL;
+  const row_of_block *right = plain ? matrix->upper : matrix->lower;
   for (int64_t k = 0; k < bodies->count; k++) {
-    const double *pivot = matrix->diagonal + BLOCK * k;
-    double *x = right + SIDE * k;
-    for (int i = 0; i < SIDE && plain; i++) {
-      const int64_t with = matrix->exchanges[SIDE * k + i];
-      const double other = x[i];
-      x[i] = x[with];
-      x[with] = other;
+    const row_of_block *pivot = matrix->diagonal + SIDE * k;
+    double own[2][SIDE];
+    for (int m = 0; m < many; m++) {
+      row_of_block *const place = x + many * k + m;
+      for (int i = 0; i < SIDE; i++) own[m][i] = (*place)[i];
+      for (int i = 0; i < SIDE && plain; i++) {
+        const int64_t with = matrix->exchanges[SIDE * k + i];
+        const double other = own[m][i];
+        own[m][i] = own[m][with];
+        own[m][with] = other;
+      }
+      for (int i = 0; i < SIDE; i++) {
+        for (int j = 0; j < i; j++) own[m][i] -= pivot[i][j] * own[m][j];
+        if (!plain) own[m][i] /= pivot[i][i];
+      }
+      for (int i = 0; i < SIDE; i++) (*place)[i] = own[m][i];
     }
-    for (int i = 0; i < SIDE; i++) {
-      for (int j = 0; j < i; j++) x[i] -= pivot[SIDE * i + j] * x[j];
-      if (!plain) x[i] /= pivot[SIDE * i + i];
+    for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++) {
+      const row_of_block *block = matrix->lower + SIDE * b;
+      for (int m = 0; m < many; m++) {
+        row_of_block *const there = x + many * bodies->rows[b] + m;
+        const row_of_block even = own[m][0] * block[0] + own[m][2] * block[2] + own[m][4] * block[4];
+        const row_of_block odd = own[m][1] * block[1] + own[m][3] * block[3] + own[m][5] * block[5];
+        *there -= even + odd;
+      }
     }
-    for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++)
-      subtract_applied(matrix->lower + BLOCK * b, x, right + SIDE * bodies->rows[b]);
   }
   for (int64_t k = bodies->count - 1; k >= 0; k--) {
-    const double *pivot = matrix->diagonal + BLOCK * k;
-    double *x = right + SIDE * k;
+    const row_of_block *pivot = matrix->diagonal + SIDE * k;
+    row_of_block taken[2][SIDE] = {{{0.0}}};
     for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++)
-      subtract_turned((plain ? matrix->upper : matrix->lower) + BLOCK * b, right + SIDE * bodies->rows[b], x);
-    for (int i = SIDE - 1; i >= 0; i--) {
-      for (int j = i + 1; j < SIDE; j++) x[i] -= (plain ? pivot[SIDE * i + j] : pivot[SIDE * j + i]) * x[j];
-      x[i] /= pivot[SIDE * i + i];
+      for (int m = 0; m < many; m++)
+        for (int i = 0; i < SIDE; i++) taken[m][i] += right[SIDE * b + i] * x[many * bodies->rows[b] + m];
+    for (int m = 0; m < many; m++) {
+      row_of_block *const place = x + many * k + m;
+      double own[SIDE];
+      for (int i = SIDE - 1; i >= 0; i--) {
+        const row_of_block row = taken[m][i];
+        own[i] = (*place)[i] - ((row[0] + row[1]) + (row[2] + row[3]) + (row[4] + row[5]));
+        for (int j = i + 1; j < SIDE; j++) own[i] -= (plain ? pivot[i][j] : pivot[j][i]) * own[j];
+        own[i] /= pivot[i][i];
+      }
+      for (int i = 0; i < SIDE; i++) (*place)[i] = own[i];
     }
   }
+}
+
+POISE_WIDE void bodies_solve(const struct bodies *bodies, const struct body_matrix *matrix, double *right,
+                             double *other) {
+  const int64_t many = other ? 2 : 1;
+  double *rights[2] = {right, other};
+  for (int64_t k = 0; k < bodies->count; k++)
+    for (int64_t m = 0; m < many; m++) {
+      row_of_block row = {0.0};
+      for (int i = 0; i < SIDE; i++) row[i] = rights[m][SIDE * k + i];
+      matrix->right[many * k + m] = row;
+    }
+  if (other)
+    solve_padded(bodies, matrix, matrix->right, 2);
+  else
+    solve_padded(bodies, matrix, matrix->right, 1);
+  for (int64_t k = 0; k < bodies->count; k++)
+    for (int64_t m = 0; m < many; m++)
+      for (int i = 0; i < SIDE; i++) rights[m][SIDE * k + i] = matrix->right[many * k + m][i];
 }

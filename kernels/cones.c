@@ -32,7 +32,7 @@ struct layout {
 /* A scaling of one cone: W = eta (2 v v' - J)^(1/2), see Vandenberghe (2010), "The CVXOPT linear and quadratic cone
    program solvers", chapter 4. */
 struct scaling {
-  double eta, v[WIDEST];
+  double eta, v[WIDEST], back, share; /* 1 / eta, 1 / (1 + v0) */
 };
 
 struct solver {
@@ -48,6 +48,10 @@ struct solver {
   double shared_weight; /* 1 / W^2 of the shared row; 0 for an equation */
   double denominator;
 };
+
+/* The lesser and the larger of two; the second where the first is not a number. */
+static POISE_INLINE double lesser(double a, double b) { return a < b ? a : b; }
+static POISE_INLINE double larger(double a, double b) { return a > b ? a : b; }
 
 static int64_t size_of(const struct cone_program *program) { return SIDE * program->bodies.count; }
 
@@ -80,7 +84,7 @@ static int lay_out(const struct cone_program *program, struct layout *at) {
 }
 
 /* out (rows) = A x, the last row is the shared one */
-static void rows_of(const struct solver *solver, const double *x, double *restrict out) {
+POISE_WIDE static void rows_of(const struct solver *solver, const double *x, double *restrict out) {
   const struct cone_program *program = solver->program;
   const struct layout *at = &solver->at;
   for (int64_t e = 0; e < program->bodies.pairs; e++) {
@@ -100,18 +104,33 @@ static void rows_of(const struct solver *solver, const double *x, double *restri
   out[at->rows] = sum;
 }
 
+/* A row from `place`, of which there is no more from `end` on. */
+static POISE_INLINE void read_row_until(const double *place, const double *end, row_of_block *row) {
+  if (end - place >= WIDTH)
+    read_row(place, row);
+  else {
+    *row = (row_of_block){0.0};
+    for (int i = 0; i < end - place; i++) (*row)[i] = place[i];
+  }
+}
+
 /* out (unknowns) += A' z */
-static void columns_of(const struct solver *solver, const double *z, double *restrict out) {
+POISE_WIDE static void columns_of(const struct solver *solver, const double *z, double *restrict out) {
   const struct cone_program *program = solver->program;
   const struct layout *at = &solver->at;
+  const double *end = program->entries + at->entries;
   for (int64_t e = 0; e < program->bodies.pairs; e++) {
     const int64_t locals = program->locals[e];
     const double *entry = program->entries + at->entry[e];
-    double *own = out + at->unknown[e], wrench[SIDE] = {0.0};
+    double *own = out + at->unknown[e], wrench[WIDTH];
+    row_of_block sum = {0.0};
     for (int64_t row = at->row[e]; row < at->row[e + 1]; row++, entry += SIDE + locals) {
-      for (int i = 0; i < SIDE; i++) wrench[i] += entry[i] * z[row];
+      row_of_block values;
+      read_row_until(entry, end, &values);
+      sum += values * z[row];
       for (int64_t i = 0; i < locals; i++) own[i] += entry[SIDE + i] * z[row];
     }
+    memcpy(wrench, &sum, sizeof sum);
     add_wrench(&program->bodies, e, wrench, out);
   }
   for (int64_t i = 0; i < size_of(program); i++) out[i] += program->shared[i] * z[at->rows];
@@ -124,13 +143,28 @@ static void columns_of(const struct solver *solver, const double *z, double *res
          first += size, c_++, number++)                                                                    \
       if ((size = c_ < (program)->singles[e_] ? 1 : (program)->wide) > 0)
 
-static double edge(const double *u, int64_t size) { /* how far inside its cone u is */
+/* The same with `size` a constant of each of three copies of `call`, an expression or statement. */
+#define CALL_EACH_CONE(program, at, first, size, number, call)                      \
+  FOR_EACH_CONE(program, at, first, size_, number) {                                \
+    if (size_ == 1) {                                                               \
+      enum { size = 1 };                                                            \
+      call;                                                                         \
+    } else if (size_ == 3) {                                                        \
+      enum { size = 3 };                                                            \
+      call;                                                                         \
+    } else {                                                                        \
+      enum { size = WIDEST };                                                       \
+      call;                                                                         \
+    }                                                                               \
+  }
+
+static POISE_INLINE double edge(const double *u, int64_t size) { /* how far inside its cone u is */
   double square = 0.0;
   for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
   return u[0] - sqrt(square);
 }
 
-static double minor(const double *u, int64_t size) { /* u' J u */
+static POISE_INLINE double minor(const double *u, int64_t size) { /* u' J u */
   double square = 0.0;
   for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
   const double side = sqrt(square);
@@ -138,10 +172,11 @@ static double minor(const double *u, int64_t size) { /* u' J u */
 }
 
 /* The scaling for which W z = W^-1 s = `middle`; 0 when s or z is not inside the cone. */
-static int scale(const double *s, const double *z, int64_t size, struct scaling *w, double *middle) {
+static POISE_INLINE int scale(const double *s, const double *z, int64_t size, struct scaling *w, double *middle) {
   if (size == 1) {
     if (!(s[0] > 0.0 && z[0] > 0.0)) return 0;
     w->eta = sqrt(s[0] / z[0]);
+    w->back = 1.0 / w->eta;
     w->v[0] = 1.0;
     middle[0] = sqrt(s[0] * z[0]);
     return 1;
@@ -159,36 +194,38 @@ static int scale(const double *s, const double *z, int64_t size, struct scaling 
   double square = 1.0;
   for (int64_t i = 1; i < size; i++) square += w->v[i] * w->v[i];
   w->v[0] = sqrt(square);
+  w->back = 1.0 / w->eta;
+  w->share = 1.0 / (1.0 + w->v[0]);
   double along = w->v[0] * z[0];
   for (int64_t i = 1; i < size; i++) along += w->v[i] * z[i];
   middle[0] = w->eta * along;
-  for (int64_t i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) / (1.0 + w->v[0]) * w->v[i]);
+  for (int64_t i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) * w->share * w->v[i]);
   return 1;
 }
 
 /* out = W u, or W^-1 u */
 static POISE_INLINE void apply_scaling(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
   if (size == 1) {
-    out[0] = inverse ? u[0] / w->eta : u[0] * w->eta;
+    out[0] = u[0] * (inverse ? w->back : w->eta);
     return;
   }
-  const double sign = inverse ? -1.0 : 1.0, eta = inverse ? 1.0 / w->eta : w->eta;
+  const double sign = inverse ? -1.0 : 1.0, eta = inverse ? w->back : w->eta;
   double across = 0.0;
   for (int64_t i = 1; i < size; i++) across += w->v[i] * u[i];
-  const double along = w->v[0] * u[0] + sign * across, more = sign * u[0] + across / (1.0 + w->v[0]);
+  const double along = w->v[0] * u[0] + sign * across, more = sign * u[0] + across * w->share;
   for (int64_t i = 1; i < size; i++) out[i] = eta * (u[i] + more * w->v[i]);
   out[0] = eta * along;
 }
 
 /* Jordan product u o v, and the solution of u o out = v */
-static void jordan(const double *u, const double *v, int64_t size, double *out) {
+static POISE_INLINE void jordan(const double *u, const double *v, int64_t size, double *out) {
   double sum = 0.0;
   for (int64_t i = 0; i < size; i++) sum += u[i] * v[i];
   for (int64_t i = 1; i < size; i++) out[i] = u[0] * v[i] + v[0] * u[i];
   out[0] = sum;
 }
 
-static void divide(const double *u, const double *v, int64_t size, double *out) {
+static POISE_INLINE void divide(const double *u, const double *v, int64_t size, double *out) {
   if (size == 1) {
     out[0] = v[0] / u[0];
     return;
@@ -201,55 +238,75 @@ static void divide(const double *u, const double *v, int64_t size, double *out) 
 }
 
 /* The longest step from u along d that stays in the cone. */
-static double reach(const double *u, const double *d, int64_t size) {
+static POISE_INLINE double reach(const double *u, const double *d, int64_t size) {
   if (size == 1) return d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
   double a = d[0] * d[0], b = u[0] * d[0];
   for (int64_t i = 1; i < size; i++) {
     a -= d[i] * d[i];
     b -= u[i] * d[i];
   }
-  const double c = fmax(minor(u, size), 0.0), root = b * b - a * c;
+  const double c = larger(minor(u, size), 0.0), root = b * b - a * c;
   double least = d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
   if (a < 0.0 || (b < 0.0 && root >= 0.0)) {
     /* the first positive root of a t^2 + 2 b t + c */
-    const double found = b < 0.0 || a >= 0.0 ? c / (-b + sqrt(fmax(root, 0.0))) : (-b - sqrt(fmax(root, 0.0))) / a;
+    const double found = b < 0.0 || a >= 0.0 ? c / (-b + sqrt(larger(root, 0.0))) : (-b - sqrt(larger(root, 0.0))) / a;
     if (found >= 0.0 && found < least) least = found;
   }
   return least;
 }
 
+/* scaled (size, stride) = W^-1 of the rows (size, width) of a cone, in whole vectors. */
+static POISE_INLINE void scale_rows(const struct scaling *w, const double *rows, const double *end, int64_t width,
+                                    const int size, int64_t stride, double *scaled) {
+  double inverse[WIDEST][WIDEST];
+  const double scale = w->back, share = size > 1 ? scale * w->share : 0.0;
+  for (int i = 1; i < size; i++) {
+    for (int j = 1; j < size; j++) inverse[i][j] = share * w->v[i] * w->v[j] + (i == j ? scale : 0.0);
+    inverse[i][0] = inverse[0][i] = -scale * w->v[i];
+  }
+  inverse[0][0] = size > 1 ? scale * w->v[0] : scale;
+  for (int64_t begin = 0; begin < stride; begin += WIDTH) {
+    row_of_block row[WIDEST];
+    for (int i = 0; i < size; i++) read_row_until(rows + i * width + begin, end, row + i);
+    for (int i = 0; i < size; i++) {
+      row_of_block sum = inverse[i][0] * row[0];
+      for (int j = 1; j < size; j++) sum += inverse[i][j] * row[j];
+      memcpy(scaled + i * stride + begin, &sum, sizeof sum);
+    }
+  }
+}
+
+static int64_t in_vectors(int64_t width) { return (width + WIDTH - 1) / WIDTH * WIDTH; }
+
 /* Factor A' W^-2 A: the locals of each pair are eliminated, then the bodies. */
 POISE_WIDE static int factor(struct solver *solver) {
   const struct cone_program *program = solver->program;
   const struct layout *at = &solver->at;
+  const double *end = program->entries + at->entries;
   const int64_t size = size_of(program);
   int64_t cone = 0;
   bodies_clear(&program->bodies, &solver->matrix, 0.0);
   for (int64_t e = 0; e < program->bodies.pairs; e++) {
-    const int64_t locals = program->locals[e], width = SIDE + locals;
+    const int64_t locals = program->locals[e], width = SIDE + locals, stride = in_vectors(width);
     const double *entry = program->entries + at->entry[e];
     double *scaled = solver->scaled, *square = solver->squares + at->square[e], *taken = square + locals * locals;
     row_of_block total[SIDE] = {{0.0}};
-    double stiffness[BLOCK];
     int64_t rows = 0;
     for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++, cone++) {
       const int64_t high = c < program->singles[e] ? 1 : program->wide;
       const struct scaling *w = solver->scaling + cone;
       if (high == 1)
-        for (int64_t i = 0; i < width; i++) scaled[i] = entry[i] / w->eta;
+        scale_rows(w, entry, end, width, 1, stride, scaled);
+      else if (high == 3)
+        scale_rows(w, entry, end, width, 3, stride, scaled);
       else
-        for (int64_t i = 0; i < width; i++) {
-          double column[WIDEST], there[WIDEST];
-          for (int64_t r = 0; r < high; r++) column[r] = entry[r * width + i];
-          apply_scaling(w, column, high, 1, there);
-          for (int64_t r = 0; r < high; r++) scaled[r * width + i] = there[r];
-        }
+        scale_rows(w, entry, end, width, WIDEST, stride, scaled);
       entry += high * width;
-      scaled += high * width;
+      scaled += high * stride;
       rows += high;
     }
     scaled = solver->scaled;
-    for (int64_t r = 0; r < rows; r++, scaled += width) {
+    for (int64_t r = 0; r < rows; r++, scaled += stride) {
       row_of_block row;
       read_row(scaled, &row);
       for (int i = 0; i < SIDE; i++) total[i] += scaled[i] * row;
@@ -257,7 +314,7 @@ POISE_WIDE static int factor(struct solver *solver) {
     if (locals) {
       memset(square, 0, sizeof(double) * (size_t)(locals * width));
       scaled = solver->scaled;
-      for (int64_t r = 0; r < rows; r++, scaled += width)
+      for (int64_t r = 0; r < rows; r++, scaled += stride)
         for (int64_t i = 0; i < locals; i++) {
           const double value = scaled[SIDE + i];
           if (value == 0.0) continue;
@@ -277,15 +334,14 @@ POISE_WIDE static int factor(struct solver *solver) {
         for (int i = 0; i < SIDE; i++) total[i] -= taken[k * SIDE + i] * row;
       }
     }
-    put_rows(total, stiffness);
-    bodies_add(&program->bodies, &solver->matrix, e, stiffness);
+    bodies_add(&program->bodies, &solver->matrix, e, total);
   }
   double largest = 0.0;
   for (int64_t i = 0; i < size; i++)
-    largest = fmax(largest, solver->matrix.diagonal[BLOCK * (i / SIDE) + (SIDE + 1) * (i % SIDE)]);
+    largest = larger(solver->matrix.diagonal[i][i % SIDE], largest);
   for (int64_t i = 0; i < size; i++) { /* motions that no row feels */
-    double *on = solver->matrix.diagonal + BLOCK * (i / SIDE) + (SIDE + 1) * (i % SIDE);
-    *on += ENOUGH_KEPT * (*on + 1e-3 * fmin(largest, 1.0));
+    const double on = solver->matrix.diagonal[i][i % SIDE];
+    solver->matrix.diagonal[i][i % SIDE] += ENOUGH_KEPT * (on + 1e-3 * lesser(largest, 1.0));
   }
   return bodies_factor(&program->bodies, &solver->matrix);
 }
@@ -306,7 +362,7 @@ static void solve_without_shared(struct solver *solver, double *x) {
     }
     add_wrench(&program->bodies, e, wrench, x);
   }
-  bodies_solve(&program->bodies, &solver->matrix, x);
+  bodies_solve(&program->bodies, &solver->matrix, x, NULL);
   for (int64_t e = 0; e < program->bodies.pairs; e++) {
     const int64_t locals = program->locals[e];
     if (!locals) continue;
@@ -337,11 +393,19 @@ static int factor_with_shared(struct solver *solver) {
 }
 
 /* out = W^-2 (or W^2) u of all rows but the shared one */
-static void apply_squares(const struct solver *solver, const double *u, int inverse, double *out) {
-  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
-    double there[WIDEST];
-    apply_scaling(solver->scaling + number, u + first, size, inverse, there);
-    apply_scaling(solver->scaling + number, there, size, inverse, out + first);
+static POISE_INLINE void apply_square(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
+  double there[WIDEST];
+  apply_scaling(w, u, size, inverse, there);
+  apply_scaling(w, there, size, inverse, out);
+}
+
+POISE_WIDE static void apply_squares(const struct solver *solver, const double *u, int inverse, double *out) {
+  if (inverse) {
+    CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                   apply_square(solver->scaling + number, u + first, size, 1, out + first))
+  } else {
+    CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                   apply_square(solver->scaling + number, u + first, size, 0, out + first))
   }
 }
 
@@ -389,7 +453,7 @@ static void into_cones(const struct solver *solver, double *u) {
   double least = with_shared ? u[solver->at.rows] : INFINITY;
   FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
     (void)number;
-    least = fmin(least, edge(u + first, size));
+    least = lesser(edge(u + first, size), least);
   }
   const double more = least > 1e-8 ? 0.0 : 1.0 - least;
   FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
@@ -408,7 +472,7 @@ static double dot(const double *u, const double *v, int64_t count) {
 
 static double largest_of(const double *u, int64_t count) {
   double largest = 0.0;
-  for (int64_t i = 0; i < count; i++) largest = fmax(largest, fabs(u[i]));
+  for (int64_t i = 0; i < count; i++) largest = larger(fabs(u[i]), largest);
   return largest;
 }
 
@@ -419,10 +483,10 @@ struct iterate {
 };
 
 /* Scale all cones; 0 when an iterate has left them. */
-static int rescale(struct solver *solver, struct iterate *it) {
+POISE_WIDE static int rescale(struct solver *solver, struct iterate *it) {
   const int64_t shared = solver->at.rows;
-  FOR_EACH_CONE(solver->program, &solver->at, first, size, number)
-    if (!scale(it->s + first, it->z + first, size, solver->scaling + number, it->middle + first)) return 0;
+  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                 if (!scale(it->s + first, it->z + first, size, solver->scaling + number, it->middle + first)) return 0)
   if (solver->program->equal) {
     solver->shared_weight = 0.0;
     return 1;
@@ -446,22 +510,39 @@ static void measure(const struct solver *solver, struct iterate *it) {
   it->primal = largest_of(it->rest_z, at->rows + 1);
 }
 
-/* aim (rows) = centre - middle o middle, and if `curved`, - (scaled change of s) o (scaled change of z). */
-static void aim_at(const struct solver *solver, struct iterate *it, double centre, int curved) {
-  const int64_t shared = solver->at.rows;
-  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
-    double square[WIDEST], one[WIDEST], other[WIDEST], cross[WIDEST] = {0.0};
-    jordan(it->middle + first, it->middle + first, size, square);
-    if (curved) {
-      apply_scaling(solver->scaling + number, it->ds + first, size, 1, one);
-      apply_scaling(solver->scaling + number, it->dz + first, size, 0, other);
-      jordan(one, other, size, cross);
-    }
-    for (int64_t i = 0; i < size; i++) it->aim[first + i] = -square[i] - cross[i];
-    it->aim[first] += centre;
+/* aim (size) of one cone; see `aim_at`. */
+static POISE_INLINE void aim_in(const struct scaling *w, struct iterate *it, int64_t first, int64_t size, double centre,
+                                int curved) {
+  double square[WIDEST], one[WIDEST], other[WIDEST], cross[WIDEST] = {0.0};
+  jordan(it->middle + first, it->middle + first, size, square);
+  if (curved) {
+    apply_scaling(w, it->ds + first, size, 1, one);
+    apply_scaling(w, it->dz + first, size, 0, other);
+    jordan(one, other, size, cross);
   }
+  for (int64_t i = 0; i < size; i++) it->aim[first + i] = -square[i] - cross[i];
+  it->aim[first] += centre;
+}
+
+/* aim (rows) = centre - middle o middle, and if `curved`, - (scaled change of s) o (scaled change of z). */
+POISE_WIDE static void aim_at(const struct solver *solver, struct iterate *it, double centre, int curved) {
+  const int64_t shared = solver->at.rows;
+  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                 aim_in(solver->scaling + number, it, first, size, centre, curved))
   if (!solver->program->equal)
     it->aim[shared] = centre - it->s[shared] * it->z[shared] - (curved ? it->ds[shared] * it->dz[shared] : 0.0);
+}
+
+/* The change of s (size) in one cone that takes all of the aim. */
+static POISE_INLINE void change_in(const struct scaling *w, struct iterate *it, int64_t first, int64_t size) {
+  double there[WIDEST];
+  divide(it->middle + first, it->aim + first, size, there);
+  apply_scaling(w, there, size, 0, it->ds + first);
+}
+
+POISE_WIDE static void change_to(const struct solver *solver, struct iterate *it) {
+  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                 change_in(solver->scaling + number, it, first, size))
 }
 
 /* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains. */
@@ -469,11 +550,7 @@ static void direction(struct solver *solver, struct iterate *it, double kept, in
   const struct layout *at = &solver->at;
   const int64_t shared = at->rows;
   for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -kept * it->rest_x[i];
-  FOR_EACH_CONE(solver->program, at, first, size, number) {
-    double there[WIDEST];
-    divide(it->middle + first, it->aim + first, size, there);
-    apply_scaling(solver->scaling + number, there, size, 0, it->ds + first);
-  }
+  change_to(solver, it);
   it->ds[shared] = solver->program->equal ? 0.0 : it->aim[shared] / it->z[shared];
   for (int64_t i = 0; i <= at->rows; i++) it->right[i] = -kept * it->rest_z[i] - it->ds[i];
   (corrected ? solve_corrected : solve_once)(solver, it->p, it->right, it->dx, it->dz);
@@ -484,12 +561,10 @@ static void direction(struct solver *solver, struct iterate *it, double kept, in
 }
 
 /* The longest step that keeps u in its cones. */
-static double longest(const struct solver *solver, const double *u, const double *du) {
+POISE_WIDE static double longest(const struct solver *solver, const double *u, const double *du) {
   double least = solver->program->equal ? INFINITY : reach(u + solver->at.rows, du + solver->at.rows, 1);
-  FOR_EACH_CONE(solver->program, &solver->at, first, size, number) {
-    (void)number;
-    least = fmin(least, reach(u + first, du + first, size));
-  }
+  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
+                 (void)number; least = lesser(reach(u + first, du + first, size), least))
   return least;
 }
 
@@ -509,7 +584,7 @@ static int centre(struct solver *solver, struct iterate *it) {
   solver->shared_weight = !solver->program->equal;
   FOR_EACH_CONE(solver->program, at, first, size, number) {
     (void)first;
-    solver->scaling[number] = (struct scaling){.eta = 1.0, .v = {1.0}};
+    solver->scaling[number] = (struct scaling){.eta = 1.0, .v = {1.0}, .back = 1.0, .share = 0.5};
     (void)size;
   }
   if (factor_with_shared(solver)) return -1;
@@ -587,7 +662,7 @@ static double *prepare(const struct cone_program *program, struct solver *solver
   const struct layout *at = &solver->at;
   const int64_t x = at->unknowns, z = at->rows + 1, body_room = bodies_room(&program->bodies, 1);
   const int64_t scalings = (int64_t)(sizeof(struct scaling) / sizeof(double)) * at->cones;
-  const int64_t scaled = at->most_rows * (SIDE + at->most_locals) + BEYOND;
+  const int64_t scaled = at->most_rows * in_vectors(SIDE + at->most_locals);
   *kept = body_room + at->squares + BEYOND + scalings + 2 * x + 3 * z;
   const int64_t total = *kept + scaled + 6 * x + 9 * z;
   double *room = calloc((size_t)total, sizeof(double)), *next = room;

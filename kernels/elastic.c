@@ -10,7 +10,7 @@
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
                     NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5;
-enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2 };
+enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2, BRIEF = 12 };
 
 /* The springs of all pairs, one pair after another. */
 struct elastic {
@@ -28,146 +28,227 @@ static double seconds(void) {
   return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-static int64_t springs_of(const struct elastic *contacts) { return contacts->springs[contacts->bodies.pairs]; }
+/* The same springs, eight side by side; the last of a pair are filled up with springs of no stiffness. */
+struct lanes {
+  const struct elastic *contacts;
+  int64_t count;             /* of eights */
+  int64_t *first;            /* (pairs + 1) first eight of each pair */
+  row_of_block *wrenches;    /* (count, 3, 6) */
+  row_of_block *stiffness;   /* (count) */
+  row_of_block *friction;    /* (count) */
+  row_of_block *bounds;      /* (count) of friction, where it has any; otherwise NULL */
+};
 
-/* out (springs, 3) = motion of the second body relative to the first at each spring */
-POISE_WIDE static void spring_motions(const struct elastic *contacts, const double *u, double *restrict out) {
+static int64_t lanes_of(const struct elastic *contacts) {
+  int64_t count = 0;
+  for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++)
+    count += (contacts->springs[pair + 1] - contacts->springs[pair] + WIDTH - 1) / WIDTH;
+  return count;
+}
+
+static void fill_lanes(struct lanes *lanes, const double *bounds) {
+  const struct elastic *contacts = lanes->contacts;
+  memset(lanes->wrenches, 0, sizeof(row_of_block) * (size_t)(lanes->count * (3 * SIDE + 3)));
+  int64_t eight = 0;
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
+    lanes->first[pair] = eight;
+    for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; eight++)
+      for (int lane = 0; lane < WIDTH && p < contacts->springs[pair + 1]; lane++, p++) {
+        for (int i = 0; i < 3 * SIDE; i++)
+          lanes->wrenches[3 * SIDE * eight + i][lane] = contacts->wrenches[3 * SIDE * p + i];
+        lanes->stiffness[eight][lane] = contacts->stiffness[p];
+        lanes->friction[eight][lane] = contacts->friction[p];
+        if (bounds) lanes->bounds[eight][lane] = bounds[p];
+      }
+  }
+  lanes->first[contacts->bodies.pairs] = eight;
+  if (!bounds) lanes->bounds = NULL;
+}
+
+/* out (count, 3) = motion of the second body relative to the first at each spring */
+POISE_WIDE static void spring_motions(const struct lanes *lanes, const double *u, row_of_block *restrict out) {
+  const struct bodies *bodies = &lanes->contacts->bodies;
+  for (int64_t pair = 0; pair < bodies->pairs; pair++) {
     double motion[SIDE];
-    relative_motion(&contacts->bodies, pair, u, motion);
-    for (int64_t row = 3 * contacts->springs[pair]; row < 3 * contacts->springs[pair + 1]; row++) {
-      const double *wrench = contacts->wrenches + SIDE * row;
-      double sum = 0.0;
-      for (int i = 0; i < SIDE; i++) sum += wrench[i] * motion[i];
+    relative_motion(bodies, pair, u, motion);
+    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row++) {
+      const row_of_block *wrench = lanes->wrenches + SIDE * row;
+      row_of_block sum = wrench[0] * motion[0];
+      for (int i = 1; i < SIDE; i++) sum += wrench[i] * motion[i];
       out[row] = sum;
     }
   }
 }
 
-/* Force (3) of a spring; friction is limited by `bound`, or by Coulomb's law where that is NULL. */
-static POISE_INLINE void spring_force(const struct elastic *contacts, int64_t p, const double *motion, const double *bound,
-                         double *force) {
-  const double k = contacts->stiffness[p];
-  for (int i = 0; i < 3; i++) force[i] = -k * motion[i];
-  if (!(force[0] > 0.0)) {
-    force[0] = 0.0;
-    if (!bound) { /* open: no friction either */
-      force[1] = force[2] = 0.0;
-      return;
-    }
+/* A number for each lane, all bits of which are set where something holds. */
+typedef int64_t lanes_where __attribute__((vector_size(WIDTH * sizeof(int64_t))));
+
+#define CHOOSE(where, a, b) ((row_of_block)(((where) & (lanes_where)(a)) | (~(where) & (lanes_where)(b))))
+
+static POISE_INLINE void take_roots(row_of_block *row) {
+  double lanes[WIDTH];
+  memcpy(lanes, row, sizeof lanes);
+  for (int l = 0; l < WIDTH; l++) lanes[l] = sqrt(lanes[l]);
+  memcpy(row, lanes, sizeof lanes);
+}
+
+/* out (6) = the sum of each of six rows. */
+static POISE_INLINE void sum_rows(const row_of_block *rows, double *out) {
+  for (int i = 0; i < SIDE; i++) {
+    double lanes[WIDTH];
+    memcpy(lanes, rows + i, sizeof lanes);
+    out[i] = ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])) + ((lanes[4] + lanes[5]) + (lanes[6] + lanes[7]));
   }
-  const double limit = bound ? bound[p] : contacts->friction[p] * force[0];
-  const double square = force[1] * force[1] + force[2] * force[2];
-  if (square > limit * limit) {
-    const double share = limit / sqrt(square);
-    force[1] *= share;
-    force[2] *= share;
-  }
+}
+
+/* Forces (3) of eight springs; friction is limited by `bounds`, or by Coulomb's law where those are NULL. */
+static POISE_INLINE void spring_forces(const struct lanes *lanes, int64_t eight, const row_of_block *motion,
+                                       row_of_block *force) {
+  const row_of_block none = {0.0}, one = none + 1.0, k = -lanes->stiffness[eight];
+  for (int i = 0; i < 3; i++) force[i] = k * motion[i];
+  force[0] = CHOOSE(force[0] > none, force[0], none);
+  const row_of_block limit = lanes->bounds ? lanes->bounds[eight] : lanes->friction[eight] * force[0];
+  const row_of_block square = force[1] * force[1] + force[2] * force[2];
+  const lanes_where over = square > limit * limit;
+  row_of_block size = CHOOSE(over, square, one);
+  take_roots(&size);
+  const row_of_block share = CHOOSE(over, limit / size, one);
+  force[1] *= share;
+  force[2] *= share;
 }
 
 /* out (6 n) = what springs and catch leave of a load, negated */
-POISE_WIDE static void left_over(const struct elastic *contacts, const double *u, const double *load, const double *relative,
-                      const double *bounds, double *restrict out) {
+POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, const double *load,
+                                 const row_of_block *relative, double *restrict out) {
+  const struct elastic *contacts = lanes->contacts;
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
-    double total[SIDE] = {0.0};
-    for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; p++) {
-      double force[3];
-      spring_force(contacts, p, relative + 3 * p, bounds, force);
+    row_of_block total[SIDE] = {{0.0}}, force[3];
+    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
+      const row_of_block *wrench = lanes->wrenches + 3 * SIDE * eight;
+      spring_forces(lanes, eight, relative + 3 * eight, force);
       for (int i = 0; i < 3; i++)
-        for (int j = 0; j < SIDE; j++) total[j] -= force[i] * contacts->wrenches[SIDE * (3 * p + i) + j];
+        for (int j = 0; j < SIDE; j++) total[j] -= force[i] * wrench[SIDE * i + j];
     }
-    add_wrench(&contacts->bodies, pair, total, out);
+    double wrench[SIDE];
+    sum_rows(total, wrench);
+    add_wrench(&contacts->bodies, pair, wrench, out);
   }
 }
 
-static double energy(const struct elastic *contacts, const double *u, const double *load, const double *relative,
-                     const double *bounds) {
+static double energy(const struct lanes *lanes, const double *u, const double *load, const row_of_block *relative) {
   double sum = 0.0;
-  for (int64_t p = 0; p < springs_of(contacts); p++) {
-    const double *motion = relative + 3 * p, k = contacts->stiffness[p], bound = bounds[p];
-    const double slide = sqrt(motion[1] * motion[1] + motion[2] * motion[2]);
-    if (motion[0] < 0.0) sum += k * motion[0] * motion[0] / 2.0;
-    sum += k * slide <= bound ? k * slide * slide / 2.0 : bound * slide - bound * bound / (2.0 * k);
-  }
-  for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++)
-    sum += (contacts->catch * u[i] / 2.0 - load[i]) * u[i];
+  for (int64_t eight = 0; eight < lanes->count; eight++)
+    for (int l = 0; l < WIDTH; l++) {
+      const row_of_block *motion = relative + 3 * eight;
+      const double k = lanes->stiffness[eight][l], bound = lanes->bounds[eight][l];
+      if (!(k > 0.0)) continue;
+      const double slide = sqrt(motion[1][l] * motion[1][l] + motion[2][l] * motion[2][l]);
+      if (motion[0][l] < 0.0) sum += k * motion[0][l] * motion[0][l] / 2.0;
+      sum += k * slide <= bound ? k * slide * slide / 2.0 : bound * slide - bound * bound / (2.0 * k);
+    }
+  for (int64_t i = 0; i < SIDE * lanes->contacts->bodies.count; i++)
+    sum += (lanes->contacts->catch * u[i] / 2.0 - load[i]) * u[i];
   return sum;
 }
 
-/* The derivative of a spring's force (3, 3), negated: what opens keeps a trace of stiffness. Without a motion, nothing
-   opens or slips. */
-static POISE_INLINE void spring_stiffness(const struct elastic *contacts, int64_t p, const double *motion, const double *bounds,
-                             double damping, double own[3][3]) {
-  memset(own, 0, 9 * sizeof(double));
+/* The derivative of the forces of springs, negated: of the normal force in its direction, of friction along both
+   tangents and between them, and of both in the normal direction. */
+enum { NORMAL, FIRST, SECOND, BETWEEN, FIRST_FOLLOWS, SECOND_FOLLOWS, DERIVATIVES };
+
+/* What opens keeps a trace of stiffness. Without a motion, nothing opens or slips. */
+static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eight, const row_of_block *motion,
+                                          double damping, row_of_block *own) {
   if (!motion) {
-    own[0][0] = own[1][1] = own[2][2] = contacts->stiffness[p];
+    own[NORMAL] = own[FIRST] = own[SECOND] = lanes->stiffness[eight];
+    own[BETWEEN] = own[FIRST_FOLLOWS] = own[SECOND_FOLLOWS] = (row_of_block){0.0};
     return;
   }
-  const double k = contacts->stiffness[p], slide = sqrt(motion[1] * motion[1] + motion[2] * motion[2]);
-  const int closed = motion[0] <= 0.0;
-  const double limit = bounds ? bounds[p] : contacts->friction[p] * fmax(-k * motion[0], 0.0);
-  const int slips = k * slide > limit;
-  own[0][0] = ((closed ? 1.0 : SPARE) + damping) * k;
-  const double sticking = (slips ? damping : 1.0 + damping) * k;
-  own[1][1] = own[2][2] = sticking;
-  if (!slips) return;
-  const double first = slide > 0.0 ? motion[1] / slide : 0.0, second = slide > 0.0 ? motion[2] / slide : 0.0;
-  const double across = limit / (slide > 0.0 ? slide : 1.0);
-  own[1][1] += across * second * second;
-  own[2][2] += across * first * first;
-  own[1][2] = own[2][1] = -across * first * second;
-  if (bounds || !closed) return;
-  own[1][0] = -contacts->friction[p] * k * first;
-  own[2][0] = -contacts->friction[p] * k * second;
+  const row_of_block none = {0.0}, one = none + 1.0, k = lanes->stiffness[eight];
+  const lanes_where closed = motion[0] <= none;
+  row_of_block slide = motion[1] * motion[1] + motion[2] * motion[2];
+  take_roots(&slide);
+  const row_of_block follows = -lanes->friction[eight] * k, pressed = CHOOSE(closed, motion[0], none);
+  const row_of_block limit = lanes->bounds ? lanes->bounds[eight] : follows * pressed;
+  const lanes_where slips = k * slide > limit, coupled = slips & closed;
+  const row_of_block safe = CHOOSE(slide > none, slide, one), first = motion[1] / safe, second = motion[2] / safe;
+  const row_of_block turning = CHOOSE(slips, limit / safe, none);
+  const row_of_block sticking = (CHOOSE(slips, none, one) + damping) * k;
+  own[NORMAL] = (CHOOSE(closed, one, none + SPARE) + damping) * k;
+  own[FIRST] = sticking + turning * second * second;
+  own[SECOND] = sticking + turning * first * first;
+  own[BETWEEN] = -turning * first * second;
+  own[FIRST_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * first, none);
+  own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * second, none);
 }
 
-POISE_WIDE static void assemble(const struct elastic *contacts, const double *relative, const double *bounds, double damping,
-                     struct body_matrix *matrix) {
-  const int64_t last = springs_of(contacts) - 1;
+POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *relative, double damping,
+                                struct body_matrix *matrix) {
+  const struct elastic *contacts = lanes->contacts;
+  const int64_t last = contacts->springs[contacts->bodies.pairs] - 1;
   double last_wrench[3 * SIDE + BEYOND] = {0.0};
   if (last >= 0) memcpy(last_wrench, contacts->wrenches + 3 * SIDE * last, 3 * SIDE * sizeof(double));
   bodies_clear(&contacts->bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     row_of_block total[SIDE] = {{0.0}};
-    double stiffness[BLOCK];
-    for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; p++) {
-      const double *wrench = p == last ? last_wrench : contacts->wrenches + 3 * SIDE * p;
-      double own[3][3];
-      row_of_block unit[3], rows[3];
-      for (int i = 0; i < 3; i++) read_row(wrench + SIDE * i, unit + i);
-      spring_stiffness(contacts, p, relative ? relative + 3 * p : NULL, bounds, damping, own);
-      for (int i = 0; i < 3; i++) rows[i] = own[i][0] * unit[0] + own[i][1] * unit[1] + own[i][2] * unit[2];
-      for (int i = 0; i < SIDE; i++)
-        total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
+    int64_t p = contacts->springs[pair];
+    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
+      row_of_block found[DERIVATIVES];
+      double own[DERIVATIVES][WIDTH];
+      spring_stiffness(lanes, eight, relative ? relative + 3 * eight : NULL, damping, found);
+      memcpy(own, found, sizeof own);
+      for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++) {
+        const double *wrench = p == last ? last_wrench : contacts->wrenches + 3 * SIDE * p;
+        row_of_block unit[3], rows[3];
+        for (int i = 0; i < 3; i++) read_row(wrench + SIDE * i, unit + i);
+        rows[0] = own[NORMAL][l] * unit[0];
+        rows[1] = own[FIRST_FOLLOWS][l] * unit[0] + own[FIRST][l] * unit[1] + own[BETWEEN][l] * unit[2];
+        rows[2] = own[SECOND_FOLLOWS][l] * unit[0] + own[BETWEEN][l] * unit[1] + own[SECOND][l] * unit[2];
+        for (int i = 0; i < SIDE; i++)
+          total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
+      }
     }
-    put_rows(total, stiffness);
-    bodies_add(&contacts->bodies, matrix, pair, stiffness);
+    bodies_add(&contacts->bodies, matrix, pair, total);
   }
 }
 
 /* Room for the vectors of Newton steps. */
 struct steps {
   struct body_matrix matrix;
-  double *rest, *step, *along, *there_u, *relative, *moved, *there, *room;
+  struct lanes lanes;
+  double *rest, *step, *along, *there_u, *room;
+  row_of_block *relative, *moved, *there;
   int64_t *whole;
 };
 
-static int make_room(const struct elastic *contacts, struct steps *made) {
-  const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
-  const int64_t matrix = bodies_room(&contacts->bodies, 0);
-  made->room = malloc(sizeof(double) * (size_t)(matrix + 4 * size + 9 * springs));
-  made->whole = malloc(sizeof(int64_t) * (size_t)(7 * contacts->bodies.count));
+static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
+  const int64_t size = SIDE * contacts->bodies.count, eights = lanes_of(contacts);
+  const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (3 * SIDE + 3 + 9);
+  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 4 * size + WIDTH));
+  made->whole = malloc(sizeof(int64_t) * (size_t)(7 * contacts->bodies.count + contacts->bodies.pairs + 1));
   if (!made->room || !made->whole) return POISE_NO_MEMORY;
   made->matrix = bodies_laid_out(&contacts->bodies, 0, made->room, made->whole);
-  made->rest = made->room + matrix;
+  made->lanes = (struct lanes){.contacts = contacts, .count = eights};
+  made->lanes.first = made->whole + 7 * contacts->bodies.count;
+  made->lanes.wrenches = made->matrix.right + 2 * contacts->bodies.count;
+  made->lanes.stiffness = made->lanes.wrenches + 3 * SIDE * eights;
+  made->lanes.friction = made->lanes.stiffness + eights;
+  made->lanes.bounds = made->lanes.friction + eights;
+  made->relative = made->lanes.bounds + eights;
+  made->moved = made->relative + 3 * eights;
+  made->there = made->moved + 3 * eights;
+  made->rest = (double *)(made->there + 3 * eights);
   made->step = made->rest + size;
   made->along = made->step + size;
   made->there_u = made->along + size;
-  made->relative = made->there_u + size;
-  made->moved = made->relative + 3 * springs;
-  made->there = made->moved + 3 * springs;
+  fill_lanes(&made->lanes, bounds);
   return POISE_OK;
+}
+
+static void place_at(const struct steps *made, const double *u) {
+  spring_motions(&made->lanes, u, made->relative);
+  for (int64_t eight = 0; eight < made->lanes.count; eight++)
+    for (int l = 0; l < WIDTH; l++) made->relative[3 * eight][l] += made->lanes.contacts->slack;
 }
 
 static double dot(const double *a, const double *b, int64_t count) {
@@ -176,19 +257,19 @@ static double dot(const double *a, const double *b, int64_t count) {
   return sum;
 }
 
-/* What is to be found: u under a load; with friction bounds, or at a share of a push that u decides. */
+/* What is to be found: u under a load, or with a share of a push that u decides. */
 struct aim {
-  const double *load, *bounds, *push;
+  const double *load, *push;
   double push_square, factor; /* of the push, which leaves the least */
   double compliance;          /* power of the push on its own change of u, in the last step */
 };
 
 /* What is left at u, and its size, or the energy where friction has bounds. */
-static double merit_at(const struct elastic *contacts, struct aim *aim, const double *u, const double *relative,
+static double merit_at(const struct lanes *lanes, struct aim *aim, const double *u, const row_of_block *relative,
                        double *rest) {
-  const int64_t size = SIDE * contacts->bodies.count;
-  if (aim->bounds) return energy(contacts, u, aim->load, relative, aim->bounds);
-  left_over(contacts, u, aim->load, relative, NULL, rest);
+  const int64_t size = SIDE * lanes->contacts->bodies.count;
+  if (lanes->bounds) return energy(lanes, u, aim->load, relative);
+  left_over(lanes, u, aim->load, relative, rest);
   if (aim->push) {
     aim->factor = dot(aim->push, rest, size) / aim->push_square;
     for (int64_t i = 0; i < size; i++) rest[i] -= aim->factor * aim->push[i];
@@ -196,73 +277,73 @@ static double merit_at(const struct elastic *contacts, struct aim *aim, const do
   return sqrt(dot(rest, rest, size));
 }
 
-static double merit_along(const struct elastic *contacts, struct aim *aim, struct steps *made, const double *u,
-                          double length) {
-  const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
+static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
+  const int64_t size = SIDE * made->lanes.contacts->bodies.count;
   for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
-  for (int64_t i = 0; i < 3 * springs; i++) made->there[i] = made->relative[i] + length * made->moved[i];
-  return merit_at(contacts, aim, made->there_u, made->there, made->rest);
+  for (int64_t i = 0; i < 3 * made->lanes.count; i++) made->there[i] = made->relative[i] + length * made->moved[i];
+  return merit_at(&made->lanes, aim, made->there_u, made->there, made->rest);
 }
 
 /* How long a step from u, of merit `value`, is best: the first length that halves what is left (of an energy: that
    lessens it), otherwise the best one of those tried. The place it leads to is left in `made`. */
-static void search_line(const struct elastic *contacts, struct aim *aim, struct steps *made, const double *u,
-                        double value, double *best, double *least) {
-  const double good = aim->bounds ? value : GOOD * value;
+static void search_line(struct aim *aim, struct steps *made, const double *u, double value, double *best,
+                        double *least) {
+  const double good = made->lanes.bounds ? value : GOOD * value;
   double length = 1.0;
   *least = INFINITY;
   *best = 0.0;
   for (int tried = 0; tried < LENGTHS; tried++, length /= 2.0) {
-    const double new = merit_along(contacts, aim, made, u, length);
+    const double new = merit_along(aim, made, u, length);
     if (new < *least) {
       *least = new;
       *best = length;
     }
     if (new < good) return;
   }
-  if (*least < value) merit_along(contacts, aim, made, u, *best);
+  if (*least < value) merit_along(aim, made, u, *best);
 }
 
 /* u (6 n) moves by damped Newton steps that lessen the merit; the power of a push on u does not change. */
-static void newton(const struct elastic *contacts, struct aim *aim, struct steps *made, double enough, int64_t steps,
-                  double time, double *u, double *value, int64_t *taken) {
-  const int64_t size = SIDE * contacts->bodies.count, springs = springs_of(contacts);
+static void newton(struct aim *aim, struct steps *made, double enough, int64_t steps, double time, double *u,
+                   double *value, int64_t *taken) {
+  const struct lanes *lanes = &made->lanes;
+  const struct bodies *bodies = &lanes->contacts->bodies;
+  const int64_t size = SIDE * bodies->count;
   const double end = time < 0.0 ? INFINITY : seconds() + time;
   double damping = 0.0, earlier = INFINITY;
   int stale = 0, full = 0;
-  spring_motions(contacts, u, made->relative);
-  for (int64_t p = 0; p < springs; p++) made->relative[3 * p] += contacts->slack;
-  *value = merit_at(contacts, aim, u, made->relative, made->rest);
+  const int brief = aim->push && steps <= BRIEF; /* asked of a place near a point of the path, which needs no damping */
+  place_at(made, u);
+  *value = merit_at(lanes, aim, u, made->relative, made->rest);
   for (*taken = 0; *taken < steps; ++*taken) {
-    if (aim->bounds) left_over(contacts, u, aim->load, made->relative, aim->bounds, made->rest);
+    if (lanes->bounds) left_over(lanes, u, aim->load, made->relative, made->rest);
     if (sqrt(dot(made->rest, made->rest, size)) <= enough || (end < INFINITY && seconds() >= end)) break;
     if (aim->push && *value <= NEARLY * enough) { /* where all slides, rounding soon leaves no more to gain */
       stale = *value > GAINS * earlier ? stale + 1 : 0;
       if (stale == PATIENCE) break;
       earlier = fmin(earlier, *value);
     }
-    assemble(contacts, made->relative, aim->bounds, damping, &made->matrix);
-    if (bodies_factor(&contacts->bodies, &made->matrix)) {
+    assemble(lanes, made->relative, damping, &made->matrix);
+    if (bodies_factor(bodies, &made->matrix)) {
       damping = fmax(10.0 * damping, LITTLE);
-      if (damping > MOST_DAMPING) break;
+      if (damping > MOST_DAMPING || brief) break;
       continue;
     }
     for (int64_t i = 0; i < size; i++) made->step[i] = -made->rest[i];
-    bodies_solve(&contacts->bodies, &made->matrix, made->step);
+    if (aim->push) memcpy(made->along, aim->push, sizeof(double) * (size_t)size);
+    bodies_solve(bodies, &made->matrix, made->step, aim->push ? made->along : NULL);
     if (aim->push) {
-      memcpy(made->along, aim->push, sizeof(double) * (size_t)size);
-      bodies_solve(&contacts->bodies, &made->matrix, made->along);
       aim->compliance = dot(aim->push, made->along, size);
       const double share = dot(aim->push, made->step, size) / aim->compliance;
       for (int64_t i = 0; i < size; i++) made->step[i] -= share * made->along[i];
     }
-    spring_motions(contacts, made->step, made->moved);
+    spring_motions(lanes, made->step, made->moved);
     const double factor = aim->factor;
     double length, new;
-    search_line(contacts, aim, made, u, *value, &length, &new);
+    search_line(aim, made, u, *value, &length, &new);
     if (new < *value) {
       memcpy(u, made->there_u, sizeof(double) * (size_t)size);
-      memcpy(made->relative, made->there, sizeof(double) * (size_t)(3 * springs));
+      memcpy(made->relative, made->there, sizeof(row_of_block) * (size_t)(3 * lanes->count));
       *value = new;
       full = length == 1.0 ? full + 1 : 0;
       if (full >= AGAIN || (full && damping <= LITTLE)) damping = damping > FORGOTTEN ? damping / 10.0 : 0.0;
@@ -270,8 +351,8 @@ static void newton(const struct elastic *contacts, struct aim *aim, struct steps
       full = 0;
       aim->factor = factor;
       damping = fmax(10.0 * damping, LITTLE);
-      if (damping > MOST_DAMPING) break;
-      if (!aim->bounds) merit_at(contacts, aim, u, made->relative, made->rest);
+      if (damping > MOST_DAMPING || brief) break;
+      if (!lanes->bounds) merit_at(lanes, aim, u, made->relative, made->rest);
     }
   }
 }
@@ -281,10 +362,10 @@ static void newton(const struct elastic *contacts, struct aim *aim, struct steps
 POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const double *load, const double *bounds,
                                            double enough, int64_t steps, double time, double *u, int64_t *taken) {
   struct steps made = {0};
-  struct aim aim = {.load = load, .bounds = bounds};
+  struct aim aim = {.load = load};
   double value;
-  int status = make_room(contacts, &made);
-  if (!status) newton(contacts, &aim, &made, enough, steps, time, u, &value, taken);
+  int status = make_room(contacts, bounds, &made);
+  if (!status) newton(&aim, &made, enough, steps, time, u, &value, taken);
   free(made.room);
   free(made.whole);
   return status;
@@ -298,8 +379,8 @@ POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const d
   struct steps made = {0};
   struct aim aim = {.load = load, .push = push};
   aim.push_square = dot(push, push, SIDE * contacts->bodies.count);
-  int status = make_room(contacts, &made);
-  if (!status) newton(contacts, &aim, &made, enough, steps, time, u, found + 1, taken);
+  int status = make_room(contacts, NULL, &made);
+  if (!status) newton(&aim, &made, enough, steps, time, u, found + 1, taken);
   found[0] = aim.factor;
   found[2] = aim.compliance;
   free(made.room);
@@ -311,14 +392,13 @@ POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const d
 POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, const double *at, const double *push,
                                             double *u) {
   struct steps made = {0};
-  int status = make_room(contacts, &made);
+  int status = make_room(contacts, NULL, &made);
   if (!status) {
-    if (at) spring_motions(contacts, at, made.relative);
-    for (int64_t p = 0; at && p < springs_of(contacts); p++) made.relative[3 * p] += contacts->slack;
-    assemble(contacts, at ? made.relative : NULL, NULL, 0.0, &made.matrix);
+    if (at) place_at(&made, at);
+    assemble(&made.lanes, at ? made.relative : NULL, 0.0, &made.matrix);
     status = bodies_factor(&contacts->bodies, &made.matrix);
     memcpy(u, push, sizeof(double) * (size_t)(SIDE * contacts->bodies.count));
-    if (!status) bodies_solve(&contacts->bodies, &made.matrix, u);
+    if (!status) bodies_solve(&contacts->bodies, &made.matrix, u, NULL);
   }
   free(made.room);
   free(made.whole);
@@ -328,11 +408,13 @@ POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, cons
 /* What springs and catch leave of a load, negated, (6 n). */
 POISE_EXPORT int64_t poise_elastic_left(const struct elastic *contacts, const double *u, const double *load,
                                         double *out) {
-  double *relative = malloc(sizeof(double) * (size_t)(3 * springs_of(contacts)));
-  if (!relative) return POISE_NO_MEMORY;
-  spring_motions(contacts, u, relative);
-  for (int64_t p = 0; p < springs_of(contacts); p++) relative[3 * p] += contacts->slack;
-  left_over(contacts, u, load, relative, NULL, out);
-  free(relative);
-  return POISE_OK;
+  struct steps made = {0};
+  const int status = make_room(contacts, NULL, &made);
+  if (!status) {
+    place_at(&made, u);
+    left_over(&made.lanes, u, load, made.relative, out);
+  }
+  free(made.room);
+  free(made.whole);
+  return status;
 }

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from poise.assembly import Analysis
-from poise.assembly.statics import pair_program
+from poise.assembly.statics import coulomb, pair_program
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE
 from poise.assembly.statics.elimination import Elimination
@@ -16,7 +16,19 @@ from poise.types import Array
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="the kernels are not installed")
 
-SCENES = {"table": scenes.table, "wall": lambda: scenes.wall(4, 3), "walls": lambda: scenes.between_walls(True)}
+
+def slab_on_posts():
+    """Discs of 64 corners and several cells: springs of a pair that fill vectors of eight, the last only in part."""
+    posts = [scenes.cylinder(f"post{k}", 0.08, 0.4, (x, 0.1 * k, 0.2)) for k, x in enumerate((-0.5, 0.5))]
+    return scenes.on_floor(*posts, scenes.box("slab", (1.4, 0.6, 0.1), (0.0, 0.0, 0.45)))
+
+
+SCENES = {
+    "table": scenes.table,
+    "wall": lambda: scenes.wall(4, 3),
+    "walls": lambda: scenes.between_walls(True),
+    "posts": slab_on_posts,
+}
 
 
 @pytest.fixture(params=SCENES)
@@ -84,6 +96,26 @@ def test_blocks_settle_and_collapse_as_in_python(block) -> None:
         assert found.known
         assert expected.known
         assert found.value == pytest.approx(expected.value, rel=2 * FACTOR_TOLERANCE)
+
+
+def test_few_steps_to_a_point_of_the_path_are_not_damped(block) -> None:
+    compiled, python = both(block)
+    gravity, rest = block.geometry.gravity.ravel(), compiled.rest.displacement
+    size, ends = 1e-9 * np.linalg.norm(gravity), []
+    for load in loads(len(gravity), 6):
+        start = rest + 30.0 * compiled._response(rest, load)  # far, so that some need damping
+        for steps in (12, 13):
+            found = compiled.contacts.compiled.reach(gravity, load, start, size, steps, NO_DEADLINE)
+            goal = coulomb._Goal(gravity, push=load)
+            u, left, taken = python._steps(goal, start, size, steps, NO_DEADLINE)
+            assert found[4] == taken
+            if left > size:
+                assert found[2] == pytest.approx(left, rel=1e-3)
+            else:
+                np.testing.assert_allclose(found[0], u, rtol=0, atol=1e-5 * np.abs(u).max())
+            ends.append(taken)
+    assert all(few <= more for few, more in zip(ends[::2], ends[1::2], strict=True))
+    assert ends[::2] != ends[1::2] or block.geometry.count == 1  # one body alone needs no damping here
 
 
 def test_an_order_of_elimination_solves_what_a_dense_solver_solves() -> None:

@@ -33,8 +33,8 @@ _NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
 """There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
 _LENGTHS, _GOOD = 5, 0.5
 """Lengths of a step that are tried, each half of the one before, until one lessens what is left to this share."""
-_LITTLE, _AGAIN = 1e-4, 2
-"""The least damping, and after so many whole steps in a row it is reduced."""
+_LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
+"""The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 _NEAR_STEPS, _NEAR_EARLIER = 15, 25
@@ -311,7 +311,7 @@ class CoulombBlock:
         """Damped Newton steps towards a goal: the displacement, its merit, and how many steps that took.
 
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
-        bond of the contacts, shortens it.
+        bond of the contacts, shortens it. Few steps are asked of a place near a point of the path, which needs none.
         """
         contacts, damping, step, full = self.contacts, 0.0, 0, 0
         earlier, stale = np.inf, 0
@@ -335,7 +335,7 @@ class CoulombBlock:
                     damping = damping / 10 if damping > 1e-7 else 0.0
             else:
                 goal.factor, damping, full = factor, max(10 * damping, _LITTLE), 0
-                if damping > 10:
+                if damping > 10 or (goal.push is not None and steps <= _BRIEF):
                     break
         return u, value, step
 
