@@ -15,6 +15,7 @@ from poise.assembly.contact.surface import SurfacePoints, sample_surface
 from poise.assembly.robustness.convexity import upper_planes
 from poise.assembly.robustness.maps import MAX_MAP_POINTS
 from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.pushes import loads_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
@@ -79,6 +80,23 @@ def test_a_map_takes_far_fewer_solves_than_points():
     assert len(found.lower) == pytest.approx(10_000, rel=0.02)
     assert found.complete
     assert found.solves < 300
+
+
+def test_no_load_is_asked_of_limit_analysis_twice(monkeypatch):
+    asked, solve = [], LoadFactorProgram.inverse_factor
+
+    def counted(program, load, enough=0.0):
+        asked.append((id(program), load.tobytes()))
+        return solve(program, load, enough)
+
+    analysis = Analysis.of(scenes.wall(2, 2))
+    analysis.stability()
+    monkeypatch.setattr(LoadFactorProgram, "inverse_factor", counted)
+    found = robustness_map(analysis, 200)
+    limit = id(analysis.blocks[0].solvers.rough_limit)
+    loads = [load for program, load in asked if program == limit]
+    assert found.solves > len(loads) > 20
+    assert len(set(loads)) == len(loads)
 
 
 def test_a_map_says_who_moves():

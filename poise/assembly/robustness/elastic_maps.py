@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from poise.assembly.contact import SurfacePoints
-from poise.assembly.robustness.block_answers import CHECKED_SHARE, both_factors
-from poise.assembly.robustness.map_regions import Bounds, Pool, Region, bound_block
-from poise.assembly.statics import BlockAnalysis, Deadline
+from poise.assembly.robustness.block_answers import CHECKED_SHARE
+from poise.assembly.robustness.map_regions import Bounds, Pool, Programs, Region, bound_block
+from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor
 from poise.types import Array, Indices, Mask
 
 _FLAT_QUESTIONS, _CURVED_QUESTIONS = 10, 48
@@ -31,11 +31,19 @@ class _ElasticPool(Pool):
     `bounds` start from what the map knows: nothing below that is worth a question.
     """
 
-    def __init__(self, block: BlockAnalysis, known: Bounds, tolerance: float, floor: float, clock: Deadline) -> None:
-        """Take the block, and the bounds, tolerance and floor of the map."""
+    def __init__(
+        self,
+        block: BlockAnalysis,
+        known: Bounds,
+        tolerance: float,
+        floor: float,
+        clock: Deadline,
+        answers: dict[tuple[int, bytes], Programs],
+    ) -> None:
+        """Take the block, and the bounds, tolerance, floor and answers of the map."""
         bounds = Bounds.none(len(known.upper))
         bounds.lower[:] = known.upper
-        super().__init__(block, 0, bounds, clock, with_limit=True, with_patch=True)
+        super().__init__(block, 0, bounds, clock, with_limit=True, with_patch=True, answers=answers)
         self._known, self._tolerance, self._floor, self._clock = known, tolerance, floor, clock
         self.doubtful = np.ones(len(known.upper), dtype=bool)
         self._shares, self._least = dict[tuple[float, ...], float](), 1.0
@@ -48,11 +56,9 @@ class _ElasticPool(Pool):
         """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
         if isinstance(self.deadline, _Ration):
             self.deadline.left[0] -= 1
-        load = np.zeros(6 * self.block.geometry.count)
-        load[6 * body : 6 * body + 6] = wrench
+        load = self.load(body, wrench)
         # As single pushes: with the centres of pressure where they are at collapse, not at rest as in the map before.
-        limit = max(factor.upper for factor in both_factors(self.block, load))
-        self.bounds.solves += 1
+        limit = max(factor.upper for factor in self._programs(body, wrench, load))
         if not np.isfinite(limit):
             return limit
         above = CHECKED_SHARE / max(limit, self._floor)
@@ -65,6 +71,16 @@ class _ElasticPool(Pool):
         if found.value >= above:
             return limit
         return max(limit, 1 / found.value) if found.value > 0 else np.inf
+
+    def _programs(self, body: int, wrench: Array, load: Array) -> list[InverseLoadFactor]:
+        """As `both_factors`, with what the map has asked before."""
+        solvers, known = self.block.solvers, self.answers.get((body, wrench.tobytes()))
+        self.bounds.solves += known is None
+        limit = solvers.rough_limit.inverse_factor(load) if known is None else known.limit
+        if solvers.patch is None:
+            return [limit]
+        resting = None if known is None else known.resting
+        return [limit, solvers.patch.inverse_factor(load, limit, limit.upper, resting)]
 
     def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:
         """None: the map has its mechanisms already."""
@@ -95,6 +111,7 @@ def confirm_map(
     tolerance: float,
     floor: float,
     deadline: Deadline,
+    answers: dict[tuple[int, bytes], Programs],
 ) -> Mask:
     """Raise the upper bounds of inverse load factors at points (rows) to what elastic contacts withstand.
 
@@ -104,7 +121,7 @@ def confirm_map(
     Returns:
         (r,) points whose bound rests on that and is wider than the tolerance, or that were not reached.
     """
-    pool = _ElasticPool(block, bounds, tolerance, floor, deadline)
+    pool = _ElasticPool(block, bounds, tolerance, floor, deadline, answers)
     if deadline.passed:
         bounds.give_up(rows)
     else:

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness.convexity import upper_planes
-from poise.assembly.statics import BlockAnalysis, Deadline, Mechanism
+from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor, Mechanism
 from poise.geometry import plane_axes, wrench_of_force
 from poise.types import Array, Indices, Mask
 
@@ -69,9 +69,31 @@ class Bounds:
         self.upper[rows] = np.inf
 
 
+@dataclass(frozen=True, eq=False)
+class Programs:
+    """What the programs of a block say of one load.
+
+    Args:
+        limit: limit analysis.
+        resting: patches with their centres of pressure as at rest; None: not asked.
+    """
+
+    limit: InverseLoadFactor
+    resting: InverseLoadFactor | None = None
+
+
 @dataclass(eq=False)
 class Pool:
-    """One block under a model, and the collapse mechanisms (cuts) it has given."""
+    """One block under a model, and the collapse mechanisms (cuts) it has given.
+
+    Args:
+        block: asked.
+        number: of it.
+        bounds: of all points.
+        deadline: of the map.
+        with_limit, with_patch: what is asked.
+        answers: of limit analysis, and of patches, by body and load.
+    """
 
     block: BlockAnalysis
     number: int
@@ -79,24 +101,33 @@ class Pool:
     deadline: Deadline
     with_limit: bool
     with_patch: bool
+    answers: dict[tuple[int, bytes], Programs] = field(default_factory=dict)
     twists: list[Array] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block; its mechanisms join the pool."""
-        load = np.zeros(6 * self.block.geometry.count)
-        load[6 * body : 6 * body + 6] = wrench
+        load = self.load(body, wrench)
         patch = self.block.solvers.patch if self.with_patch else None
-        value = 0.0
+        value, limit = 0.0, None
         if self.with_limit or patch is None:
             limit = self.block.solvers.rough_limit.inverse_factor(load)
             self._keep(limit.twist)
+            self.answers[body, wrench.tobytes()] = Programs(limit)
             value = limit.upper
             if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
                 return value
-        resting = patch.resting.inverse_factor(load)
+        resting = patch.resting.inverse_factor(load, value)
         self._keep(resting.twist)
+        if limit is not None:
+            self.answers[body, wrench.tobytes()] = Programs(limit, resting)
         return max(value, resting.upper)
+
+    def load(self, body: int, wrench: Array) -> Array:
+        """(6 n,) a wrench (6,) on one body alone."""
+        load = np.zeros(6 * self.block.geometry.count)
+        load[6 * body : 6 * body + 6] = wrench
+        return load
 
     def begin(self, flat: bool) -> None:
         """Called before a flat or curved region is bounded."""

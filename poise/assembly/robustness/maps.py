@@ -144,17 +144,19 @@ def _bounded(
             less = _LESS * tolerance if model == "default" else 0.0
             open_rows[number], done = _single_patch(block, number, loaded[number], wrenches, bounds, less, clock)
             complete &= done
+    answers = []
     for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
+        pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
+        answers.append(pool.answers)
         if model == "patch" and block.solvers.single_patch is not None:
             continue
-        pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
         complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
     doubtful = np.zeros(len(surface.points), dtype=bool)
-    for block, rows in zip(analysis.blocks, loaded, strict=True):
+    for block, rows, known in zip(analysis.blocks, loaded, answers, strict=True):
         if block.geometry.statically_determinate or not len(rows):
             continue
         if model == "default":
-            doubtful[rows] |= confirm_map(block, surface, rows, wrenches, bounds, tolerance, floor, clock)
+            doubtful[rows] |= confirm_map(block, surface, rows, wrenches, bounds, tolerance, floor, clock, known)
         else:  # the model alone is asked for
             doubtful[rows] = True
     complete &= not clock.passed

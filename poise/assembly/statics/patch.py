@@ -87,7 +87,13 @@ class PatchProgram:
         """Whether friction spread like this holds the block at rest at all."""
         return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
-    def inverse_factor(self, load: Array, limit: InverseLoadFactor, enough: float = 0.0) -> InverseLoadFactor:
+    def inverse_factor(
+        self,
+        load: Array,
+        limit: InverseLoadFactor,
+        enough: float = 0.0,
+        resting: InverseLoadFactor | None = None,
+    ) -> InverseLoadFactor:
         """Inverse load factor of a load (6 n,) with the centres of pressure where they are at collapse.
 
         Args:
@@ -96,13 +102,14 @@ class PatchProgram:
                 patches can have; where it is weaker anyway, the centres stay as they are at rest; otherwise its
                 normal forces are the first guess of where they move.
             enough: inverse load factors of at most this need no close bounds.
+            resting: that with the centres as they are at rest, where it is known.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
         if limit.multipliers is not None and self.allows(limit.multipliers):
             return limit
-        inverse, centres = self.resting.inverse_factor(load, enough), self._centres
+        inverse, centres = resting or self.resting.inverse_factor(load, enough), self._centres
         if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
             return inverse
         normal_forces = limit.multipliers[1::3]
