@@ -11,6 +11,8 @@ from benchmarks.perceived import KINDS, PerceivedTally, clean_scenes, compare
 from poise.assembly import Analysis, Assembly, Box, FrictionPair, Mesh, Push, assess, assess_settled, settle
 from poise.assembly.contact import CONTACT_MARGIN, Structure
 from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
+from poise.assembly.settling import contact_choice
+from poise.assembly.settling.belief import POINTS, Belief
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_of_vector
 
@@ -260,6 +262,26 @@ def test_errors_of_contacts_that_follow_from_others_do_not_move_bodies_far():
         found = settle(seen(wide, np.random.default_rng(seed)))
         assert all(move.sigmas < 3.5 for move in found.moves)
         assert len(Structure.of(found.assembly).interfaces) >= 6
+
+
+def test_how_many_are_asked_together_changes_no_contact(monkeypatch):
+    scene = seen(pallet(), np.random.default_rng(8))
+    found = settle(scene)._problem.choice
+    monkeypatch.setattr(contact_choice, "_AHEAD", 1)
+    one_by_one = settle(scene)._problem.choice
+    assert one_by_one.contacts == found.contacts
+    assert one_by_one.rows == found.rows
+
+
+def test_a_contact_conditions_the_gaussian_as_kalman_says():
+    problem = settle(seen(small_stack(), np.random.default_rng(2)))._problem
+    belief, rows = Belief(problem.bodies, problem.candidates.rows), slice(0, POINTS)
+    distance, jacobian = (of[rows] for of in problem.bodies.jacobian(problem.candidates.rows, problem.bodies.poses))
+    before = belief.covariance.copy()
+    assert belief.accept(0)
+    gain = before @ jacobian.T @ np.linalg.inv(jacobian @ before @ jacobian.T + 1e-8 * np.eye(POINTS))
+    np.testing.assert_allclose(belief.mean, -gain @ distance, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(belief.covariance, before - gain @ jacobian @ before, rtol=0, atol=1e-14)
 
 
 def _side_by_side(gap):

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import block_diag, cholesky, solve_triangular
+from scipy.linalg.blas import dgemm
 from scipy.optimize import nnls
+from scipy.sparse import csr_array
 
 from poise.assembly.settling.rows import DistanceRows, moved, steps_between
 from poise.geometry import Pose
@@ -86,8 +88,8 @@ class SeenBodies:
 
     def times_covariance(self, jacobian: Array) -> Array:
         """(6 M, R) covariance times the transpose of a Jacobian (R, 6 M)."""
-        blocks = jacobian.reshape(len(jacobian), self.count, 6)
-        return np.asarray(np.einsum("mij,rmj->mir", self.covariance, blocks).reshape(6 * self.count, len(jacobian)))
+        blocks = jacobian.reshape(len(jacobian), self.count, 6).transpose(1, 2, 0)
+        return np.asarray((self.covariance @ blocks).reshape(6 * self.count, len(jacobian)))
 
     def stepped(self, poses: Pose, steps: Array) -> Pose:
         """The N poses after steps (6 M,) of those that may move."""
@@ -143,9 +145,10 @@ class Belief:
             return False
         self.accepted.append(number)
         expected += _FIT**2 * np.eye(POINTS)
-        gain = np.linalg.solve(expected, across.T).T
+        gain = across @ np.linalg.inv(expected)
         self.mean -= gain @ (distance + jacobian @ self.mean[columns])
-        self.covariance -= gain @ across.T
+        # In place: covariance - gain across', both of which are symmetric.
+        dgemm(-1.0, across, gain, 1.0, self.covariance.T, trans_b=True, overwrite_c=True)
         return True
 
     def _local(self, number: int) -> tuple[Array, Array, Indices]:
@@ -184,9 +187,10 @@ def most_likely(
     for fit in fits:
         steps = steps_between(poses, bodies.poses)[seen][order].ravel()
         distance, jacobian = bodies.jacobian(contacts, poses)
-        across = bodies.times_covariance(jacobian)
-        system = cho_factor(jacobian @ across + fit**2 * np.eye(len(contacts)))
-        steps = steps - across @ cho_solve(system, distance + jacobian @ steps)
+        across, sparse = bodies.times_covariance(jacobian), csr_array(jacobian)
+        system = cholesky(sparse @ across + fit**2 * np.eye(len(contacts)), lower=True)
+        half = solve_triangular(system, distance + sparse @ steps, lower=True)
+        steps = steps - across @ solve_triangular(system, half, lower=True, trans=1)
         height, slopes = bodies.jacobian(apart, poses)
         lacking = bounds - height - slopes @ steps
         close = np.flatnonzero(lacking > -_REACH)
@@ -197,9 +201,10 @@ def most_likely(
             needed |= lacks
             some = slopes[needed]
             free = bodies.times_covariance(some)
-            free -= across @ cho_solve(system, jacobian @ free)
-            root = cholesky(some @ free + np.diag(inexact[needed]), lower=True)
-            moves = free @ nnls(root.T, solve_triangular(root, lacking[needed], lower=True))[0]
+            held = solve_triangular(system, sparse @ free, lower=True)  # what the contacts take of it
+            root = cholesky(some @ free - held.T @ held + np.diag(inexact[needed]), lower=True)
+            push = nnls(root.T, solve_triangular(root, lacking[needed], lower=True))[0]
+            moves = free @ push - across @ solve_triangular(system, held @ push, lower=True, trans=1)
         steps = steps + moves
         poses = bodies.stepped(poses, steps)
     return poses

@@ -23,6 +23,8 @@ _PARALLEL = 0.5
 """Share of neighbours that are parallel, among those that do not touch: as they are mostly put on shelves."""
 _SURE = 50.0
 """Logarithm of odds."""
+_AHEAD = 4
+"""Candidates whose probability is asked together after a contact that changed them: that costs little more than one."""
 _STAYS = 0.04
 """Probability below which a contact of before is given up; one that was none becomes one above 1 minus it."""
 _STAYS_OFF = 0.5
@@ -146,7 +148,7 @@ def _likely(
     in_line = candidates.in_line
     numbers = numbers[np.argsort(-_chances(belief, numbers, in_line[numbers]), kind="stable")]
     accepted, rejected, chances = [], [], {}
-    ahead, count = np.zeros(0), 1
+    ahead, count = np.zeros(0), _AHEAD
     for place, number in enumerate(numbers.tolist()):
         # Many follow from those before and change nothing: then more of the next are asked together.
         if not len(ahead):
@@ -157,7 +159,7 @@ def _likely(
         if chance > (level[number] if rng is None else rng.random()):
             accepted.append(number)
             if belief.accept(number):
-                ahead, count = ahead[:0], 1
+                ahead, count = ahead[:0], _AHEAD
         else:
             rejected.append(number)
     return accepted, rejected, chances
