@@ -8,7 +8,6 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_triangular
 from scipy.linalg.blas import dgemm
 from scipy.optimize import nnls
-from scipy.sparse import csr_array
 
 from poise.assembly.settling.rows import DistanceRows, moved, steps_between
 from poise.geometry import Pose
@@ -86,10 +85,14 @@ class SeenBodies:
             jacobian[own, self.slot[places[own]]] += block[own]
         return distance, jacobian.reshape(len(rows), 6 * self.count)
 
-    def times_covariance(self, jacobian: Array) -> Array:
-        """(6 M, R) covariance times the transpose of a Jacobian (R, 6 M)."""
-        blocks = jacobian.reshape(len(jacobian), self.count, 6).transpose(1, 2, 0)
-        return np.asarray((self.covariance @ blocks).reshape(6 * self.count, len(jacobian)))
+    def by_errors(self, jacobian: Array) -> Array:
+        """(R, 6 M) derivatives by the independent errors, one sigma each, of those by steps (R, 6 M)."""
+        blocks = jacobian.reshape(len(jacobian), self.count, 6).transpose(1, 0, 2) @ self.roots
+        return np.asarray(blocks.transpose(1, 0, 2).reshape(len(jacobian), 6 * self.count))
+
+    def steps_of(self, errors: Array) -> Array:
+        """(6 M,) steps that independent errors (6 M,), in sigmas, are."""
+        return np.asarray((self.roots @ errors.reshape(self.count, 6, 1)).ravel())
 
     def stepped(self, poses: Pose, steps: Array) -> Pose:
         """The N poses after steps (6 M,) of those that may move."""
@@ -171,8 +174,8 @@ def most_likely(
 ) -> Pose:
     """The most likely poses at which all contacts touch and other distances keep their bounds (Gauss-Newton).
 
-    In each iteration the Gaussian is conditioned on the contacts (a Kalman update), and then moved by as little as the
-    bounds need (Lawson, Hanson 1974, on the dual).
+    In each iteration the Gaussian is conditioned on the contacts (a Kalman update, in the space of the independent
+    errors: contacts outnumber them), and then moved by as little as the bounds need (Lawson, Hanson 1974, on the dual).
 
     Args:
         bodies: where they were seen.
@@ -187,10 +190,11 @@ def most_likely(
     for fit in fits:
         steps = steps_between(poses, bodies.poses)[seen][order].ravel()
         distance, jacobian = bodies.jacobian(contacts, poses)
-        across, sparse = bodies.times_covariance(jacobian), csr_array(jacobian)
-        system = cholesky(sparse @ across + fit**2 * np.eye(len(contacts)), lower=True)
-        half = solve_triangular(system, distance + sparse @ steps, lower=True)
-        steps = steps - across @ solve_triangular(system, half, lower=True, trans=1)
+        by_errors = bodies.by_errors(jacobian)
+        # What is left of the covariance is fit^2 times the inverse of this.
+        root = cholesky(by_errors.T @ by_errors + fit**2 * np.eye(len(steps)), lower=True)
+        half = solve_triangular(root, by_errors.T @ (distance + jacobian @ steps), lower=True)
+        steps = steps - bodies.steps_of(solve_triangular(root, half, lower=True, trans=1))
         height, slopes = bodies.jacobian(apart, poses)
         lacking = bounds - height - slopes @ steps
         close = np.flatnonzero(lacking > -_REACH)
@@ -199,12 +203,10 @@ def most_likely(
         # Few bounds push: only those that lack something, one after the other, are part of the program.
         while np.any(lacks := ~needed & (lacking - slopes @ moves > _LACKING)):
             needed |= lacks
-            some = slopes[needed]
-            free = bodies.times_covariance(some)
-            held = solve_triangular(system, sparse @ free, lower=True)  # what the contacts take of it
-            root = cholesky(some @ free - held.T @ held + np.diag(inexact[needed]), lower=True)
-            push = nnls(root.T, solve_triangular(root, lacking[needed], lower=True))[0]
-            moves = free @ push - across @ solve_triangular(system, held @ push, lower=True, trans=1)
+            free = fit * solve_triangular(root, bodies.by_errors(slopes[needed]).T, lower=True)
+            stiff = cholesky(free.T @ free + np.diag(inexact[needed]), lower=True)
+            push = free @ nnls(stiff.T, solve_triangular(stiff, lacking[needed], lower=True))[0]
+            moves = bodies.steps_of(fit * solve_triangular(root, push, lower=True, trans=1))
         steps = steps + moves
         poses = bodies.stepped(poses, steps)
     return poses

@@ -5,7 +5,7 @@ import numpy as np
 from poise.assembly.scene import RigidObject
 from poise.assembly.settling.rows import DistanceRows
 from poise.geometry import Pose
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 _CORNERS = 4
 """Corners of a body that are kept over a plane of its neighbour."""
@@ -36,15 +36,16 @@ def keep_apart(
     high = np.array([points.max(axis=0) for points in corners])
     near = np.all(low[:, None] <= high[None] + reach, axis=2)
     near &= near.T & (free[:, None] | free[None])
-    parts = []
+    parted: list[tuple[int, int, int, Indices]] = []
     for i, j in np.argwhere(np.triu(near, 1)).tolist():
         if (i, j) in touching or not len(normals[i]) or not len(normals[j]):
             continue
         best = max((_best(normals[a], offsets[a], corners[b]), a, b) for a, b in ((i, j), (j, i)))
         (distance, facet), base, other = best
         if distance <= reach:
-            parts.append(_rows(items, poses, base, facet, other, corners[other] @ normals[base][facet]))
-    return DistanceRows.joined(parts)
+            lowest = np.argsort(corners[other] @ normals[base][facet], kind="stable")[:_CORNERS]
+            parted.append((base, facet, other, lowest))
+    return _rows(items, parted)
 
 
 def _best(normals: Array, offsets: Array, corners: Array) -> tuple[float, int]:
@@ -54,17 +55,18 @@ def _best(normals: Array, offsets: Array, corners: Array) -> tuple[float, int]:
     return float(distances[facet]), facet
 
 
-def _rows(
-    items: tuple[RigidObject, ...], poses: Pose, base: int, facet: int, other: int, heights: Array
-) -> DistanceRows:
-    shape = items[base].shape.polyhedron
-    lowest = np.argsort(heights, kind="stable")[:_CORNERS]
-    count = len(lowest)
+def _rows(items: tuple[RigidObject, ...], parted: list[tuple[int, int, int, Indices]]) -> DistanceRows:
+    """The lowest corners of other bodies over a facet of a base, for (base, facet, other, corners) each."""
+    if not parted:
+        return DistanceRows.joined([])
+    counts, shapes = [len(lowest) for *_, lowest in parted], [item.shape.polyhedron for item in items]
+    normals = [shapes[base].normals[facet] for base, facet, *_ in parted]
+    origins = [shapes[base].vertices[shapes[base].facet_triangles[facet][0, 0]] for base, facet, *_ in parted]
     return DistanceRows(
-        np.full(count, base),
-        np.full(count, other),
-        np.repeat(shape.normals[facet][None], count, axis=0),
-        np.repeat(shape.vertices[shape.facet_triangles[facet][0, 0]][None], count, axis=0),
-        items[other].shape.polyhedron.vertices[lowest],
-        np.zeros(count),
+        np.repeat([base for base, *_ in parted], counts),
+        np.repeat([other for _, _, other, _ in parted], counts),
+        np.repeat(normals, counts, axis=0),
+        np.repeat(origins, counts, axis=0),
+        np.concatenate([shapes[other].vertices[lowest] for _, _, other, lowest in parted]),
+        np.zeros(sum(counts)),
     )
