@@ -37,6 +37,7 @@ struct lanes {
   row_of_block *stiffness;   /* (count) */
   row_of_block *friction;    /* (count) */
   row_of_block *bounds;      /* (count) of friction, where it has any; otherwise NULL */
+  double last[3 * SIDE + BEYOND]; /* wrenches of the last spring, so that rows can be read with what is beyond them */
 };
 
 static int64_t lanes_of(const struct elastic *contacts) {
@@ -46,8 +47,16 @@ static int64_t lanes_of(const struct elastic *contacts) {
   return count;
 }
 
+/* (3, 6) wrenches of a spring. */
+static POISE_INLINE const double *wrenches_of(const struct lanes *lanes, int64_t p) {
+  const struct elastic *contacts = lanes->contacts;
+  return p + 1 == contacts->springs[contacts->bodies.pairs] ? lanes->last : contacts->wrenches + 3 * SIDE * p;
+}
+
 static void fill_lanes(struct lanes *lanes, const double *bounds) {
   const struct elastic *contacts = lanes->contacts;
+  const int64_t springs = contacts->springs[contacts->bodies.pairs];
+  if (springs) memcpy(lanes->last, contacts->wrenches + 3 * SIDE * (springs - 1), 3 * SIDE * sizeof(double));
   memset(lanes->wrenches, 0, sizeof(row_of_block) * (size_t)(lanes->count * (3 * SIDE + 3)));
   int64_t eight = 0;
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
@@ -92,15 +101,6 @@ static POISE_INLINE void take_roots(row_of_block *row) {
   memcpy(row, lanes, sizeof lanes);
 }
 
-/* out (6) = the sum of each of six rows. */
-static POISE_INLINE void sum_rows(const row_of_block *rows, double *out) {
-  for (int i = 0; i < SIDE; i++) {
-    double lanes[WIDTH];
-    memcpy(lanes, rows + i, sizeof lanes);
-    out[i] = ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])) + ((lanes[4] + lanes[5]) + (lanes[6] + lanes[7]));
-  }
-}
-
 /* Forces (3) of eight springs; friction is limited by `bounds`, or by Coulomb's law where those are NULL. */
 static POISE_INLINE void spring_forces(const struct lanes *lanes, int64_t eight, const row_of_block *motion,
                                        row_of_block *force) {
@@ -123,15 +123,22 @@ POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, con
   const struct elastic *contacts = lanes->contacts;
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
-    row_of_block total[SIDE] = {{0.0}}, force[3];
+    row_of_block parts[3] = {{0.0}}, found[3];
+    double wrench[WIDTH];
+    int64_t p = contacts->springs[pair];
     for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      const row_of_block *wrench = lanes->wrenches + 3 * SIDE * eight;
-      spring_forces(lanes, eight, relative + 3 * eight, force);
-      for (int i = 0; i < 3; i++)
-        for (int j = 0; j < SIDE; j++) total[j] -= force[i] * wrench[SIDE * i + j];
+      double force[3][WIDTH];
+      spring_forces(lanes, eight, relative + 3 * eight, found);
+      memcpy(force, found, sizeof force);
+      for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++)
+        for (int i = 0; i < 3; i++) {
+          row_of_block row;
+          read_row(wrenches_of(lanes, p) + SIDE * i, &row);
+          parts[i] -= force[i][l] * row;
+        }
     }
-    double wrench[SIDE];
-    sum_rows(total, wrench);
+    parts[0] += parts[1] + parts[2];
+    memcpy(wrench, parts, sizeof wrench);
     add_wrench(&contacts->bodies, pair, wrench, out);
   }
 }
@@ -185,9 +192,6 @@ static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eig
 POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *relative, double damping,
                                 struct body_matrix *matrix) {
   const struct elastic *contacts = lanes->contacts;
-  const int64_t last = contacts->springs[contacts->bodies.pairs] - 1;
-  double last_wrench[3 * SIDE + BEYOND] = {0.0};
-  if (last >= 0) memcpy(last_wrench, contacts->wrenches + 3 * SIDE * last, 3 * SIDE * sizeof(double));
   bodies_clear(&contacts->bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     row_of_block total[SIDE] = {{0.0}};
@@ -198,7 +202,7 @@ POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *r
       spring_stiffness(lanes, eight, relative ? relative + 3 * eight : NULL, damping, found);
       memcpy(own, found, sizeof own);
       for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++) {
-        const double *wrench = p == last ? last_wrench : contacts->wrenches + 3 * SIDE * p;
+        const double *wrench = wrenches_of(lanes, p);
         row_of_block unit[3], rows[3];
         for (int i = 0; i < 3; i++) read_row(wrench + SIDE * i, unit + i);
         rows[0] = own[NORMAL][l] * unit[0];
