@@ -26,7 +26,7 @@ def test_mujoco_holds_round_bodies_below_the_limit_and_moves_them_above_it(kind,
     assembly = replace(assembly, rolling=0.02)
     way = np.array([1.0, 0, 0])
     limit = float(acceleration_limits(assembly, way[None], turning=False).limits[0])
-    # On edges the engine throws some cylinders over at 0.9 of the limit: whether, depends on the last digits of the load.
+    # On edges the engine throws some cylinders over at 0.9 of the limit, depending on the last digits of the load.
     on_edges = scene == "chocks"
     assert benchmark.travel(assembly, 0.9 * limit * way, tmp_path / "scene.xml", 0.5, on_edges) < 2e-4
     assert benchmark.travel(assembly, 1.1 * limit * way, tmp_path / "scene.xml", 0.5, on_edges) > 1e-3
