@@ -13,7 +13,9 @@ import pytest
 from benchmarks.compare import CHANGES, make_pair
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.mismatch.answer import Quantity
 from poise.mismatch.comparing import align, compare, comparison
+from poise.mismatch.comparing.change import as_much
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 
@@ -128,3 +130,12 @@ def test_what_only_a_leaves_unexplained_is_held_against_b(
     assert found.side == found.diagnosis.held == side
     assert any("may be hidden" in each for each in found.notes) == (unexplained == "ab")
     assert found.diagnosis.against == ("a" if side == "b" else "b")
+
+
+def test_a_recording_shows_as_much_of_an_effect_as_another_one_within_errors() -> None:
+    change = {"inertia_1": Quantity(0.075, 0.006, ""), "inertia_2": Quantity(0.077, 0.01, "")}
+    twice = {"inertia_1": Quantity(0.2, 0.04, ""), "inertia_2": Quantity(0.23, 0.18, "")}
+    opposite = {"inertia_1": Quantity(-0.2, 0.04, "")}
+    assert as_much(twice, change)
+    assert not as_much(change, twice)
+    assert not as_much(opposite, change)

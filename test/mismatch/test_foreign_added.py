@@ -51,3 +51,9 @@ def test_the_added_effects_have_seeds_of_their_own() -> None:
     assert {plan.kind for plan in added} == {"single"}
     assert {name for plan in added for name in plan.candidates} == {fault.name for fault in ADDED}
     assert not {fault.name for fault in ADDED} & {name for plan in plans("dev", 60) for name in plan.candidates}
+
+
+def test_nothing_is_wrong_in_the_healthy_sets() -> None:
+    healthy = list(plans("healthy_dev", 12))
+    assert {(plan.kind, plan.strength, plan.candidates) for plan in healthy} == {("healthy", 0.0, ())}
+    assert len({plan.profile for plan in healthy}) > 5

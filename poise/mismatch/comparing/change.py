@@ -99,3 +99,12 @@ def alike(one: dict[str, Quantity], other: dict[str, Quantity]) -> bool:
         for n, q in one.items()
         if n in other
     )
+
+
+def as_much(one: dict[str, Quantity], other: dict[str, Quantity]) -> bool:
+    """Whether a recording by itself shows as much of an effect as another one, within three sigma of both."""
+    return all(
+        one[n].value * math.copysign(1.0, q.value) > abs(q.value) - _SURE * math.hypot(q.std, one[n].std)
+        for n, q in other.items()
+        if n in one
+    )

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer import Diagnosis, Quantity, Verdict, verdict_of
 from poise.mismatch.comparing.alignment import Alignment, align, postures
-from poise.mismatch.comparing.change import Change, Recorded, alike, beyond_errors, change_of
+from poise.mismatch.comparing.change import Change, Recorded, alike, as_much, beyond_errors, change_of
 from poise.mismatch.comparing.difference import difference, with_motion_of
 from poise.mismatch.comparing.direction import has_less, unexplained
 from poise.mismatch.comparing.known_physics import with_known_physics
@@ -32,6 +32,7 @@ _CLEARLY = 1.02
 """Ratio of the evidence from which the answer about A against B is better than that about B against A."""
 _EQUAL_NOTE = "each recording by itself shows the same {}: it acts on what changed, and is no change"
 _REST_NOTE = "no effect explains all that the model lacks in {}: a change of the rest may be hidden there"
+_HIDDEN_NOTE = "{} is also among what no effect explains there, and as large: it is no change"
 _SMALL_NOTE = "{} differs by no more than the errors of both answers, and is no change"
 
 
@@ -121,7 +122,12 @@ def compare(
         changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
-    kept, small = (kept, []) if same_speed(matched) else _material(kept, side, a, b, stages)
+    small = list[str]()
+    if not same_speed(matched):
+        less, lacking = (a, "A") if side == "b" else (b, "B")
+        alone = stages.alone(less, stages.for_two)
+        kept, small = _material(kept, alone, less, stages)
+        small += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
     progress(1.0)
     return Comparison(found, kept, side, matched, (*notes, *small), time.perf_counter() - begin)
 
@@ -149,16 +155,31 @@ def _changes(
 
 
 def _material(
-    changes: tuple[Change, ...], side: Recorded, a: RecordedMotion, b: RecordedMotion, stages: Stages
+    changes: Sequence[Change], alone: Diagnosis, less: RecordedMotion, stages: Stages
 ) -> tuple[tuple[Change, ...], list[str]]:
-    """Those beyond the errors of what the other recording has, which became part of the model, and notes on others."""
-    less = a if side == "b" else b
-    # As the model has it: one fit to the other recording alone is unsure of what friction of another law leaves.
-    alone = stages.alone(less, stages.for_two)
-    own = _values(alone)
-    kept = tuple(each for each in changes if beyond_errors(each, own.get(each.finding.effect.name, {}), less))
-    notes = [_SMALL_NOTE.format(each.finding.effect.name) for each in changes if each not in kept]
-    return kept, notes + [_REST_NOTE.format("A" if side == "b" else "B")] * (alone.unknown is not None)
+    """The changes that the other recording does not have, and notes on those that are none.
+
+    Args:
+        changes: of an answer.
+        alone: what the model lacks in the other recording, which became part of the model: its values have errors, and
+            what no effect explains there may be an effect of the answer. (One fit to that recording alone is unsure of
+            what friction of another law leaves.)
+        less: the other recording.
+        stages: for such a fit.
+    """
+    own, notes = _values(alone), list[str]()
+    kept = list[Change]()
+    for each in changes:
+        name = each.finding.effect.name
+        hidden = alone.unknown is not None and name not in own
+        shown = stages.own_values(each.finding, less) if hidden else {}
+        if shown and as_much(shown, each.finding.parameters):
+            notes.append(_HIDDEN_NOTE.format(name))
+        elif beyond_errors(each, own.get(name, {}), less):
+            kept.append(each)
+        else:
+            notes.append(_SMALL_NOTE.format(name))
+    return tuple(kept), notes
 
 
 def _values(found: Diagnosis) -> dict[str, dict[str, Quantity]]:
@@ -198,13 +219,13 @@ def _through_model(
     alone = stages.alone(less, model)
     found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
     own = _values(alone)
-    changes = [(each, change_of(each, side, own.get(each.effect.name, {}), less)) for each in found.findings]
-    kept = tuple(c for each, c in changes if beyond_errors(c, own.get(each.effect.name, {}), less))
+    changes = [change_of(each, side, own.get(each.effect.name, {}), less) for each in found.findings]
+    kept, small = _material(changes, alone, less, stages)
     lacking = "A" if side == "b" else "B"
     share = f"{matched.share:.0%} of B's motion is also in A"
     said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
     said += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
-    said += [_SMALL_NOTE.format(each.effect.name) for each, c in changes if c not in kept]
+    said += small
     return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 
 

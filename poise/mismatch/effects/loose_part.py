@@ -40,7 +40,7 @@ _FEWEST = 2
 """Knocks on the other stop that a part needs, and knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
-_FEEBLE = 0.003
+_FEEBLE = 0.03
 """Share of the square of the residual that a start must explain to be improved."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
 """m and s that are tried."""
