@@ -77,9 +77,9 @@ class _ElasticPool(Pool):
         solvers, known = self.block.solvers, self.answers.get((body, wrench.tobytes()))
         self.bounds.solves += known is None
         limit = solvers.rough_limit.inverse_factor(load) if known is None else known.limit
-        if solvers.patch is None:
-            return [limit]
         resting = None if known is None else known.resting
+        if solvers.patch is None or (known is not None and resting is None):  # patches can have its friction
+            return [limit]
         return [limit, solvers.patch.inverse_factor(load, limit, limit.upper, resting)]
 
     def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:

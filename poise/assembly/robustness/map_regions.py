@@ -75,7 +75,7 @@ class Programs:
 
     Args:
         limit: limit analysis.
-        resting: patches with their centres of pressure as at rest; None: not asked.
+        resting: patches with their centres of pressure as at rest; None: there are none, or they hold as much.
     """
 
     limit: InverseLoadFactor
