@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import make_case
+from test_effort_recordings import PHI, ROBOT
 
 from poise.mismatch.answer import BeliefBasis, diagnose
 from poise.mismatch.answer.belief import rival_odds
 from poise.mismatch.answer.diagnosis import _misfit
 from poise.mismatch.inference import HeldOutProof
+from poise.mismatch.reading.joint_motion import recorded_from_streams
+from poise.mismatch.reading.joint_samples import apart, compared_efforts
 from poise.mismatch.recorded import white_level
 from poise.robot import regular_clock
+from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])
@@ -79,3 +83,29 @@ def test_an_answer_that_no_sample_could_test_leaves_all_of_the_error() -> None:
     for unknown in (replace(proof, nominal=np.nan, augmented=np.nan), replace(proof, augmented=np.nan)):
         assert _misfit(unknown, 0.0) == 1.0
     assert _misfit(proof, np.nan) == 1.0
+
+
+def test_a_sample_that_was_sent_with_the_one_before_is_left_out() -> None:
+    seconds = np.arange(200) * 0.01
+    late = seconds.copy()
+    late[100:103] = seconds[103] + 1e-9 * np.arange(-3, 0)  # three messages wait for the fourth
+    kept = apart(late)
+    assert np.flatnonzero(~kept).tolist() == [101, 102, 103]
+    at, efforts = compared_efforts(late, np.ones((200, 2)))
+    assert len(at) == len(efforts) == 197
+    assert np.diff(at).min() > 5e-4
+
+
+def test_efforts_have_the_clock_of_the_positions_that_came_with_them() -> None:
+    """Stamps that are late by up to 4 ms: the effort of a fast joint would be off by up to 4 ms of its slope."""
+    motion = FourierTrajectory.random(ROBOT, np.random.default_rng(2), duration=12.0, speed=0.8)
+    made = record(IdealRobot(ROBOT, PHI, [0.0, 0.0, -9.80665]), motion, np.random.default_rng(2), WrenchNoise(100.0))
+    late = np.random.default_rng(2).exponential(1.2e6, size=len(made.joints.stamps)).clip(max=4e6).astype(np.int64)
+    off = []
+    for stamps in (made.joints.stamps, np.maximum.accumulate(made.joints.stamps + late) + np.arange(len(late))):
+        joints = replace(made.joints, stamps=stamps)
+        recorded, notes = recorded_from_streams(ROBOT, joints, None, None, PHI, 9.80665)
+        assert recorded.effort is not None
+        off.append(np.sqrt(np.mean((recorded.effort.measured - recorded.effort.prediction) ** 2)))
+    assert any("jitter" in note for note in notes)
+    assert off[1] < 1.1 * off[0]  # by the stamps, 1.5 times

@@ -6,6 +6,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import nearest_rotation
 from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.joint_motion import seconds_since
+from poise.mismatch.reading.joint_samples import apart
 from poise.mismatch.reading.motion_variance import wrench_variance
 from poise.mismatch.recorded import RecordedMotion, at_times, lattice, load_wrench
 from poise.recording import Recording, WrenchStream
@@ -29,7 +30,7 @@ def recorded_from_frames(
     motion = source.motion(0, end) if found is None else found.motion
     start = int(wrench.stamps[0])
     sampled, seconds = seconds_since(motion.stamps, start), seconds_since(wrench.stamps, start)
-    known = (seconds >= sampled[0]) & (seconds <= sampled[-1])
+    known = (seconds >= sampled[0]) & (seconds <= sampled[-1]) & apart(seconds)
     if known.sum() < 100:
         raise InputError(ErrorCode.EMPTY, f"{recording.path}: wrench and tf overlap in {int(known.sum())} samples only")
     seconds = seconds[known]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.joint_samples import compared_efforts
+from poise.mismatch.reading.joint_samples import apart, compared_efforts
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.motion_variance import AccelerationSigma
 from poise.mismatch.reading.sanity import check_positions, check_rates
@@ -32,7 +32,10 @@ def seconds_since(stamps: Stamps, start: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _JointSamples:
-    """Finite joint states in the robot's order, (M, J) each, at (M,) s, and the odometry of the robot's base."""
+    """Finite joint states in the robot's order, (M, J) each, at (M,) s, and the odometry of the robot's base.
+
+    Where a regular clock explains the stamps, positions and efforts were sampled by it; `jitter` is theirs, s.
+    """
 
     seconds: Array
     position: Array
@@ -40,6 +43,7 @@ class _JointSamples:
     effort: Array
     odometry: PoseStream | None
     start: int
+    jitter: float
 
     def at(self, seconds: Array) -> tuple[ResampledSignal, MeasuredBase | None, Mask]:
         """Joints and base at (N,) s, and the mask (N,) where both are known."""
@@ -75,7 +79,8 @@ def recorded_from_streams(
     check_positions(robot, position)
     check_rates(joints, joints if wrench is None else wrench)
     start = int((joints if wrench is None else wrench).stamps[0])
-    samples = _JointSamples(seconds_since(joints.stamps, start), position, velocity, effort, odometry, start)
+    sampled, jitter = sampling_times(seconds_since(joints.stamps, start), position)
+    samples = _JointSamples(sampled, position, velocity, effort, odometry, start, jitter)
     carried = phi + np.asarray(tool)
     if wrench is None:
         return _of_efforts(robot, samples, phi, carried, gravity)
@@ -86,7 +91,11 @@ def recorded_from_streams(
         raise _no_overlap(int(known.sum()), samples.seconds)
     if not known.all():
         notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
-    notes += _jitter(moved)
+    bursts = ~apart(seconds)
+    if bursts.any():
+        notes.append(f"{int(bursts.sum())} wrench samples were stamped with the ones before them and were left out")
+        known &= ~bursts
+    notes += _jitter(samples)
     found = _efforts(robot, samples, phi, gravity)
     track = None if found is None else found[0]
     moved, base = moved.select(known), base and base.select(known)
@@ -124,13 +133,13 @@ def _of_efforts(
     recorded = recorded_from_motion(
         robot, seconds, joints, carried, base=moving, gravity=gravity, start=samples.start, effort=track
     )
-    return recorded, _jitter(moved)
+    return recorded, _jitter(samples)
 
 
-def _jitter(moved: ResampledSignal) -> list[str]:
-    if moved.jitter < _JITTER:
+def _jitter(samples: _JointSamples) -> list[str]:
+    if samples.jitter < _JITTER:
         return []
-    return [f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used"]
+    return [f"joint stamps jitter by {1e3 * samples.jitter:.2f} ms about a regular clock: that clock was used"]
 
 
 def _efforts(

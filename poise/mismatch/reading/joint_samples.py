@@ -11,8 +11,10 @@ from poise.mismatch.reading.wrench_samples import (
     mean_stamps,
 )
 from poise.recording import JointStream
-from poise.types import Array
+from poise.types import Array, Mask
 
+_BURST = 0.05
+"""Share of the usual time between two samples up to which they were sent together: no rate is measured between them."""
 _MAX_JOINT_RATE = 1000.0
 """Hz; averages over more than a few milliseconds blur the steps of an acceleration."""
 
@@ -60,6 +62,13 @@ def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
     return fewer, [f"the joint states came at {1 / period:.0f} Hz; {together} samples each were averaged"]
 
 
+def apart(seconds: Array) -> Mask:
+    """(N,) samples that come some time after the one before: stamps of a burst say when it was sent."""
+    steps = np.diff(seconds)
+    least = _BURST * float(np.median(steps)) if len(steps) else 0.0
+    return np.concatenate([[True], steps > least])
+
+
 def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     """Stamps and efforts (M, J) of finite samples, averaged to the rate and the number that a wrench may have.
 
@@ -69,6 +78,7 @@ def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     """
     known = np.isfinite(effort)
     rows = known[:, known.any(axis=0)].all(axis=1)
+    rows &= apart(seconds)
     seconds, effort = seconds[rows], effort[rows]
     together = _together(seconds)
     return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
