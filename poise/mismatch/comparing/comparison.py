@@ -122,14 +122,12 @@ def compare(
         changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
     notes = [*uncompared, *_notes(matched, skew), *(_EQUAL_NOTE.format(each.finding.effect.name) for each in equal)]
     kept = tuple(each for each in changes if each not in equal)
-    small = list[str]()
     if not same_speed(matched):
-        less, lacking = (a, "A") if side == "b" else (b, "B")
-        alone = stages.alone(less, stages.for_two)
-        kept, small = _material(kept, alone, less, stages)
-        small += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
+        less = a if side == "b" else b
+        kept, said = _material(kept, stages.alone(less, stages.for_two), less, side, stages)
+        notes += said
     progress(1.0)
-    return Comparison(found, kept, side, matched, (*notes, *small), time.perf_counter() - begin)
+    return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
 
 
 def _changes(
@@ -155,7 +153,7 @@ def _changes(
 
 
 def _material(
-    changes: Sequence[Change], alone: Diagnosis, less: RecordedMotion, stages: Stages
+    changes: Sequence[Change], alone: Diagnosis, less: RecordedMotion, side: Recorded, stages: Stages
 ) -> tuple[tuple[Change, ...], list[str]]:
     """The changes that the other recording does not have, and notes on those that are none.
 
@@ -164,11 +162,11 @@ def _material(
         alone: what the model lacks in the other recording, which became part of the model: its values have errors, and
             what no effect explains there may be an effect of the answer. (One fit to that recording alone is unsure of
             what friction of another law leaves.)
-        less: the other recording.
+        less: the other recording. side: the one that has more.
         stages: for such a fit.
     """
-    own, notes = _values(alone), list[str]()
-    kept = list[Change]()
+    own, kept = _values(alone), list[Change]()
+    notes = [_REST_NOTE.format("A" if side == "b" else "B")] * (alone.unknown is not None)
     for each in changes:
         name = each.finding.effect.name
         hidden = alone.unknown is not None and name not in own
@@ -220,12 +218,10 @@ def _through_model(
     found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
     own = _values(alone)
     changes = [change_of(each, side, own.get(each.effect.name, {}), less) for each in found.findings]
-    kept, small = _material(changes, alone, less, stages)
-    lacking = "A" if side == "b" else "B"
+    kept, said = _material(changes, alone, less, side, stages)
     share = f"{matched.share:.0%} of B's motion is also in A"
-    said = [f"{share}: both are compared through the model, with what {lacking} lacks"]
-    said += [_REST_NOTE.format(lacking)] * (alone.unknown is not None)
-    said += small
+    lacking = "A" if side == "b" else "B"
+    said = [f"{share}: both are compared through the model, with what {lacking} lacks", *said]
     return Comparison(found, kept, side, matched, (*notes, *said), time.perf_counter() - begin)
 
 
