@@ -108,11 +108,7 @@ def compare(
     if not same_path(matched):
         return _through_model(a, b, matched, stages, uncompared, begin)
     skew = matched.rate if _SKEW < abs(matched.rate - 1.0) < _ALIKE else 1.0
-    if skew != 1.0:
-        on_a = with_motion_of(b, a, matched.reversed())
-        instead = align(on_a, a)
-        if unexplained(without_common(on_a, a, instead)) < unexplained(without_common(b, a, matched)):
-            b, matched = on_a, instead
+    b, matched = (b, matched) if skew == 1.0 else _with_clock(a, b, matched)
     ways: _Ways = {"b": (b, a, matched), "a": (a, b, matched.reversed())}
     side, found = _likelier(ways, stages)
     changes, equal = _changes(found, side, a, b, stages, same_speed(matched))
@@ -128,6 +124,14 @@ def compare(
         notes += said
     progress(1.0)
     return Comparison(found, kept, side, matched, tuple(notes), time.perf_counter() - begin)
+
+
+def _with_clock(a: RecordedMotion, b: RecordedMotion, matched: Alignment) -> tuple[RecordedMotion, Alignment]:
+    """B as if its clock and not its speed differed, where that leaves less."""
+    on_a = with_motion_of(b, a, matched.reversed())
+    instead = align(on_a, a)
+    better = unexplained(without_common(on_a, a, instead)) < unexplained(without_common(b, a, matched))
+    return (on_a, instead) if better else (b, matched)
 
 
 def _changes(
