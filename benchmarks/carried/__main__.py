@@ -24,8 +24,8 @@ from rich.table import Table
 from benchmarks.carried.make import PLAIN, ROUGH, Case, Seen, World, as_declared, draw, scene_of, simulate, write
 from poise.cli import run
 
-FIRST_FINAL = 8100
-"""The next final seeds, 8100 to 8199: not answered yet. Those below are development cases."""
+FIRST_FINAL = 8500
+"""The next final seeds, 8500 to 8599: not answered yet. Those below are development cases."""
 TIME = 0.05
 """s within which the beginning of a motion is right."""
 
