@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import cross, lengths
 from poise.shape.coverage import bare_share
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices, Mask
@@ -174,8 +175,9 @@ def _pockets(
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
     facing = normals if normals is not None else oriented_normals(points, facets)
-    toward = points[tetrahedra].mean(axis=1)[:, None] - points[tetrahedra]
-    toward /= np.maximum(np.linalg.norm(toward, axis=2), 1e-30)[..., None]
+    corners = points[tetrahedra]
+    toward = corners.mean(axis=1)[:, None] - corners
+    toward /= np.maximum(lengths(toward), 1e-30)[..., None]
     says = np.einsum("tki,tki->tk", toward, facing[tetrahedra])
     shallow = ~deep[tetrahedra] & ~fits[:, None]
     says[shallow] = np.minimum(says[shallow], 0)
@@ -262,8 +264,8 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     offsets = points[near] - points[near].mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
     a, b, c = (points[facets[:, k]] for k in range(3))
-    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    sums = np.stack([np.bincount(facets.ravel(), across[:, axis], count) for axis in range(3)], axis=1)
+    across = cross(b - a, c - a)
+    sums = np.stack([np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1)
     shown = np.unique(facets)
     normals[shown] *= np.where(np.einsum("ij,ij->i", normals[shown], sums[shown]) < 0, -1.0, 1.0)[:, None]
     i, j = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
@@ -276,9 +278,12 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     order, parents = breadth_first_order(minimum_spanning_tree(graph), count, directed=False)
     known = np.zeros(count, bool)
     known[shown] = True
-    for point, parent in zip(order[1:].tolist(), parents[order[1:]].tolist(), strict=True):
-        if not known[point] and normals[point] @ normals[parent] < 0:
-            normals[point] *= -1
+    below = order[1:][~known[order[1:]]]
+    turned = np.einsum("ij,ij->i", normals[below], normals[parents[below]]) < 0
+    inwards = np.zeros(count, bool).tolist()
+    for point, parent, turn in zip(below.tolist(), parents[below].tolist(), turned.tolist(), strict=True):
+        inwards[point] = inwards[parent] != turn
+    normals[inwards] *= -1
     return np.asarray(normals)
 
 
@@ -295,7 +300,7 @@ def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices
     inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
     outer = neighbours[inner, face]
     own = _circumradius_of_tetrahedra(corners)
-    gates = _circumradius_of_triangles(np.take_along_axis(corners[inner], FACES[face][..., None], axis=1))
+    gates = _circumradius_of_triangles(corners[inner[:, None], FACES[face]])
     width = np.minimum(np.minimum(gates, own[inner]), np.where(outer < 0, np.inf, own[outer]))
     out = outer < 0
     widest: Array = np.zeros(count)  # a tetrahedron at a corner of the hull has several ways out
@@ -308,16 +313,25 @@ def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices
     one, other = tree.nonzero()
     to_parent = np.full(count + 1, np.inf)
     to_parent[np.where(parent[one] == other, one, other)] = 1 / tree.data
-    reach, parents = to_parent.tolist(), parent.tolist()
-    for tetrahedron in order[1:].tolist():
-        reach[tetrahedron] = min(reach[tetrahedron], reach[parents[tetrahedron]])
-    return np.array(reach[:count]), order[1:], parent
+    return _least_to_root(to_parent, np.append(parent[:count], count))[:count], order[1:], parent
+
+
+def _least_to_root(values: Array, parents: Indices) -> Array:
+    """(N,) the least of the values (N,) on the way from each node of a tree to its root, which is its own parent.
+
+    In each round a node takes the least of twice as many nodes of its way.
+    """
+    above = parents
+    while np.any(above != above[above]):
+        values = np.minimum(values, values[above])
+        above = above[above]
+    return np.minimum(values, values[above])
 
 
 def _circumradius_of_triangles(corners: Array) -> Array:
     """(F,) m, of triangles (F, 3, 3)."""
-    a, b, c = (np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in ((1, 2), (0, 2), (0, 1)))
-    doubled_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    a, b, c = (lengths(corners[:, i] - corners[:, j]) for i, j in ((1, 2), (0, 2), (0, 1)))
+    doubled_area = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     return np.asarray(a * b * c / np.maximum(2 * doubled_area, _TINY))
 
 
@@ -326,9 +340,9 @@ def _circumradius_of_tetrahedra(corners: Array) -> Array:
     edges = corners[:, 1:] - corners[:, :1]
     squares = np.einsum("tij,tij->ti", edges, edges)
     normal = (
-        squares[:, :1] * np.cross(edges[:, 1], edges[:, 2])
-        + squares[:, 1:2] * np.cross(edges[:, 2], edges[:, 0])
-        + squares[:, 2:] * np.cross(edges[:, 0], edges[:, 1])
+        squares[:, :1] * cross(edges[:, 1], edges[:, 2])
+        + squares[:, 1:2] * cross(edges[:, 2], edges[:, 0])
+        + squares[:, 2:] * cross(edges[:, 0], edges[:, 1])
     )
-    six_volumes = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))
-    return np.asarray(np.linalg.norm(normal, axis=1) / np.maximum(2 * np.abs(six_volumes), _TINY))
+    six_volumes = np.einsum("ij,ij->i", edges[:, 0], cross(edges[:, 1], edges[:, 2]))
+    return np.asarray(lengths(normal) / np.maximum(2 * np.abs(six_volumes), _TINY))

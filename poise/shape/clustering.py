@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 
+from poise.geometry import lengths
 from poise.shape.lighting import colour_steps
 from poise.shape.surface_graph import folds
 from poise.types import Array, Indices
@@ -51,7 +52,7 @@ class Features:
         """Thesis eq. (3.28) between points i and j; both (E,)."""
         fold = folds(self.positions, self.normals, i, j)
         return np.asarray(
-            weights.position * np.linalg.norm(self.positions[i] - self.positions[j], axis=1)
+            weights.position * lengths(self.positions[i] - self.positions[j])
             + weights.colour * colour_steps(self.colours[i], self.colours[j], self.shading)
             + np.where(fold > 0, weights.inward_fold, -weights.outward_fold) * fold
         )
@@ -138,7 +139,7 @@ class _Groups:
         grown[number[low]] = True
         members = np.flatnonzero(grown[self.labels])[::-1]
         of = self.labels[members]
-        off = np.linalg.norm(self._features.positions[members] - (self._sums / self._sizes[:, None])[of], axis=1)
+        off = lengths(self._features.positions[members] - (self._sums / self._sizes[:, None])[of])
         least = np.full(len(grown), np.inf)
         np.minimum.at(least, of, off)
         nearest = off == least[of]
@@ -156,7 +157,7 @@ def smooth_colours(colours: Array, edges: Indices) -> Array:
     if alike < _LEAST_NOISE:
         return colours
     for _ in range(_SMOOTHINGS):
-        apart = np.linalg.norm(colours[i] - colours[j], axis=1)
+        apart = lengths(colours[i] - colours[j])
         weights = coo_array((np.exp(-((apart / alike) ** 2) / 2), (i, j)), shape=(len(colours),) * 2).tocsr()
         total = 1 + np.asarray(weights.sum(axis=1)).reshape(-1, 1)
         colours = (weights @ colours + colours) / total

@@ -26,6 +26,7 @@ def _sphere(pairs: int) -> tuple[Array, Indices]:
 
 
 _DIRECTIONS, _TRIANGLES = _sphere(120)
+_CORNERS = np.ascontiguousarray(_TRIANGLES.T)
 
 
 class Hulls(NamedTuple):
@@ -33,7 +34,7 @@ class Hulls(NamedTuple):
 
     Args:
         reach: (K, D) m along each direction.
-        points: (K, D, 3) m, that are the outermost in each direction.
+        points: (K, 3, D) m, that are the outermost in each direction.
     """
 
     reach: Array
@@ -42,21 +43,21 @@ class Hulls(NamedTuple):
     @classmethod
     def of(cls, sets: list[Array]) -> "Hulls":
         """Hulls of sets of points (N, 3) m, none empty."""
-        reach, points = np.empty((len(sets), len(_DIRECTIONS))), np.empty((len(sets), len(_DIRECTIONS), 3))
+        reach, points = np.empty((len(sets), len(_DIRECTIONS))), np.empty((len(sets), 3, len(_DIRECTIONS)))
         for number, one in enumerate(sets):
             along = _DIRECTIONS @ one.T
             first = along.argmax(axis=1)
-            reach[number], points[number] = along[np.arange(len(first)), first], one[first]
+            reach[number], points[number] = along[np.arange(len(first)), first], one[first].T
         return cls(reach, points)
 
     def with_each(self, others: "Hulls") -> "Hulls":
         """The hulls of one set, or K, together with K others."""
         own = self.reach >= others.reach
         reach = np.where(own, self.reach, others.reach)
-        return Hulls(reach, np.where(own[..., None], self.points, others.points))
+        return Hulls(reach, np.where(own[:, None], self.points, others.points))
 
     @property
     def volumes(self) -> Array:
         """(K,) m3; the points should be near the origin."""
-        (a, d, g), (b, e, h), (c, f, i) = self.points[:, _TRIANGLES.T].transpose(1, 3, 0, 2)
+        (a, d, g), (b, e, h), (c, f, i) = (self.points.take(corner, axis=2).swapaxes(0, 1) for corner in _CORNERS)
         return np.asarray((a * (e * i - f * h) - d * (b * i - c * h) + g * (b * f - c * e)).sum(axis=-1) / 6)

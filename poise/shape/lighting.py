@@ -8,6 +8,7 @@ not described.
 
 import numpy as np
 
+from poise.geometry import lengths
 from poise.types import Array, Indices, Mask
 
 _DARKEST = 0.02
@@ -56,7 +57,7 @@ def _pairs(colours: Array, known: Indices) -> Indices:
         return np.zeros((0, 2), np.int64)
     drawn = known[np.random.default_rng(0).integers(len(known), size=(_PAIRS, 2))]
     chromaticity = colours / np.maximum(colours.sum(axis=1, keepdims=True), 3 * _DARKEST)
-    apart = np.linalg.norm(chromaticity[drawn[:, 0]] - chromaticity[drawn[:, 1]], axis=1)
+    apart = lengths(chromaticity[drawn[:, 0]] - chromaticity[drawn[:, 1]])
     return np.asarray(drawn[(apart < _ONE_PAINT) & (drawn[:, 0] != drawn[:, 1])])
 
 
@@ -79,6 +80,7 @@ def _least_absolute(rows: Array, wanted: Array) -> Array:
 
 def colour_steps(one: Array, other: Array, shading: float) -> Array:
     """(...,) distances of colours (..., 3), the least when one's lightness may change by a share."""
-    scale = np.sum(one * other, axis=-1) / np.maximum(np.sum(other**2, axis=-1), 1e-12)
+    (a, b, c), (d, e, f) = (np.moveaxis(of, -1, 0) for of in (one, other))
+    scale = (a * d + b * e + c * f) / np.maximum(d * d + e * e + f * f, 1e-12)
     scale = np.clip(scale, 1 / (1 + shading), 1 + shading)
-    return np.asarray(np.linalg.norm(one - scale[..., None] * other, axis=-1))
+    return lengths(one - scale[..., None] * other)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from poise.geometry import cross, lengths
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_edges, unit_normals
 from poise.types import Array, Indices
@@ -83,7 +84,7 @@ def matched(
     for _ in range(_SMOOTH):
         places = smoother(places, 0.5 * share)
     corners = places[triangles]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     which = rng.choice(len(triangles), _DRAWN, p=areas / areas.sum())
     within, errors = rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3))
     rounds = _ROUNDS if noise > _BESIDE * spacing else _THIN_ROUNDS

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import cross, lengths
 from poise.types import Array, Indices
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -57,8 +58,7 @@ class Solid:
     def areas(self) -> Array:
         """(F,) m2 of the triangles around it."""
         corners = self.vertices[self.surface[0]]
-        doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return np.asarray(np.linalg.norm(doubled, axis=1) / 2)
+        return lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) / 2
 
     @cached_property
     def surface(self) -> tuple[Indices, Indices]:
@@ -71,7 +71,7 @@ class Solid:
 def tetrahedron_volumes(corners: Array) -> Array:
     """(T,) m3 of tetrahedra with corners (T, 4, 3); negative for left-handed ones."""
     a, b, c = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-    return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+    return np.asarray(np.einsum("ij,ij->i", a, cross(b, c)) / 6)
 
 
 def tetrahedron_moments(corners: ArrayLike) -> Array:

@@ -8,6 +8,7 @@ Alexa et al. 2003, with the weights of the normals of Öztireli et al. 2009).
 import numpy as np
 from scipy.spatial import cKDTree
 
+from poise.geometry import cross, lengths
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import unit_normals
 from poise.types import Array
@@ -41,7 +42,7 @@ def side_normals(solid: Solid, radius: float) -> Array:
             for axis in range(3)
         ]
         normals = normals + np.stack(sums, axis=1)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
+        normals /= np.maximum(lengths(normals), 1e-30)[:, None]
     return normals
 
 
@@ -65,11 +66,11 @@ def fitted_heights(cloud: tuple[Array, Array], places: tuple[Array, Array], coun
     members = np.count_nonzero(weight > 0, axis=1)
     weight *= (1 - (distance / reach) ** 2) ** 2
     offset = points[near] - at[:, None]
-    across = np.cross(up, np.where(np.abs(up[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    across /= np.linalg.norm(across, axis=1)[:, None]
+    across = cross(up, np.where(np.abs(up[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    across /= lengths(across)[:, None]
     u, v, height = (
         np.einsum("mki,mi->mk", offset, way) / (reach if flat else 1.0)
-        for way, flat in ((across, True), (np.cross(up, across), True), (up, False))
+        for way, flat in ((across, True), (cross(up, across), True), (up, False))
     )
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
     weighted = terms * weight[..., None]

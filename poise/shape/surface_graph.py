@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from poise.geometry import cross, lengths, unique_rows
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
@@ -41,15 +42,17 @@ def surface_graph(solid: Solid) -> SurfaceGraph:
 def surface_edges(solid: Solid) -> Indices:
     """(E, 2) vertex numbers of the edges of its triangles, each once, the lower first."""
     triangles, _ = solid.surface
-    return np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges = np.stack([ends.min(axis=1), ends.max(axis=1)], axis=1)
+    return np.asarray(edges[unique_rows(edges)[0]])
 
 
 def unit_normals(solid: Solid) -> tuple[Array, Mask]:
     """(V, 3) outward where a vertex is on the surface, zero elsewhere; and (V,) whether it is."""
     normals, _ = facing_of(solid)
-    lengths = np.linalg.norm(normals, axis=1)
-    on_surface = lengths > 0
-    normals[on_surface] /= lengths[on_surface, None]
+    size = lengths(normals)
+    on_surface = size > 0
+    normals[on_surface] /= size[on_surface, None]
     return normals, on_surface
 
 
@@ -57,8 +60,8 @@ def facing_of(solid: Solid) -> tuple[Array, Array]:
     """Sums over the triangles around each vertex: (V, 3) of normals as long as twice the area, (V,) of the lengths."""
     triangles, _ = solid.surface
     a, b, c = (solid.vertices[triangles[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    columns = np.column_stack([normals, np.linalg.norm(normals, axis=1)])
+    normals = cross(b - a, c - a)
+    columns = np.column_stack([normals, lengths(normals)])
     corners, count = triangles.ravel(), len(solid.vertices)
     sums = np.stack([np.bincount(corners, np.repeat(column, 3), count) for column in columns.T], axis=1)
     return sums[:, :3].astype(np.float64), sums[:, 3].astype(np.float64)
