@@ -118,7 +118,9 @@ class Stone:
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
             )
         behind = self._volume(_LEAK_BALLS[-1]) - self._volume(_BALL) if opening else 0.0
-        return replace(found, volume_std=_doubt(self._volume, ball, found.volume, behind))
+        spread = _doubt(self._volume, ball, found.volume, behind)
+        between = (self._volume(_BALL), self._volume(_LEAK_BALLS[-1])) if larger else None
+        return replace(found, volume_std=spread, between=between)
 
     def _volume(self, ball: float) -> float:
         """m3 that a ball of some radius, in spacings, leaves."""

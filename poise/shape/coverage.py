@@ -56,6 +56,12 @@ def check_coverage(carved: Solid, solid: Solid, inside: float = 0.0, layers: flo
             "points lie in layers, which white noise does not explain (inner faces of a model, or views that do not"
             " agree); the volume may be too small: state the noise (--noise), or give points of the outside alone"
         )
+    if carved.between is not None:
+        opening, hole, taken = (f"{1e6 * volume:.3g}" for volume in (*carved.between, solid.volume))
+        notes.append(
+            f"the points leave a wide gap: the volume is about {opening} cm3 if it is an opening, as that of a cup, and"
+            f" about {hole} cm3 if the surface there was not sampled; {taken} cm3 was taken: give more points"
+        )
     pieces = piece_volumes(carved) / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.shape.hulls import Hulls
-from poise.shape.lighting import colour_steps
+from poise.shape.lighting import colour_noise, colour_steps
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
 from poise.types import Array, Indices
@@ -48,7 +48,7 @@ class MergeCosts:
     least: float = 0.01
     shading: float = 0.0
     one_colour: float = 1.0
-    smooth: float = 1.0
+    smooth: float = 0.2
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,16 @@ class _Clusters:
     the object; its mean colour.
     """
 
-    def __init__(self, solid: Solid, leaves: Indices, point_leaves: Indices, colours: Array, costs: MergeCosts) -> None:
-        self.costs = costs
+    def __init__(
+        self,
+        solid: Solid,
+        leaves: Indices,
+        point_leaves: Indices,
+        colours: Array,
+        noise: float,
+        costs: MergeCosts,
+    ) -> None:
+        self.costs, self._noise = costs, noise / np.sqrt(len(point_leaves))
         self._total = solid.volume
         count = int(leaves.max()) + 1
         most = 2 * count - 1
@@ -147,6 +155,8 @@ class _Clusters:
         fold, edges = np.array([self._folds.get(key, (0.0, 0)) for key in keys]).reshape(-1, 2).T
         size = self._weight[i] * self._weight[j] / (self._weight[i] + self._weight[j])
         step = colour_steps(self._colour[i], self._colour[j], self.costs.shading)
+        by_chance = 3 * self._noise**2 / size  # what noise in three channels adds to the square, in the mean
+        step = np.sqrt(np.maximum(step**2 - by_chance, 0.0))
         fold = fold / (edges + _FEWEST_EDGES)
         asked = self.costs.colour * step + self.costs.fold * np.maximum(fold, 0.0)
         return size * asked, step, fold
@@ -203,7 +213,7 @@ def build_hierarchy(
         graph: of the surface.
         costs: what keeps clusters apart.
     """
-    clusters = _Clusters(solid, leaves, point_leaves, colours, costs)
+    clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
     owner, behind = np.repeat(np.arange(len(leaves)), 4), solid.neighbours.ravel()
     faces = np.stack([leaves[owner[behind >= 0]], leaves[behind[behind >= 0]]], axis=1)

@@ -24,21 +24,23 @@ _EXPLAINED = 0.6
 """What may be left of the differences of lightness within pairs, in the mean."""
 
 
-def unlit(colours: Array, normals: Array, seen: Mask) -> Array | None:
+def unlit(colours: Array, normals: Array, seen: Mask, smooth: Array | None = None) -> Array | None:
     """Colours as if light came from all sides alike; None where lighting does not explain their lightness.
 
     Args:
         colours: (N, 3) 0..1, linear in the light.
         normals: (N, 3) outward unit normals.
         seen: (N,) False where colours were not measured.
+        smooth: (N, 3) the colours without the camera's noise, which the light is found from; None: `colours`.
 
     Returns:
         (N, 3), with the median lightness of the input; above 1 where a bright paint was lit from the side.
     """
-    i, j = _pairs(colours, np.flatnonzero(seen)).T
+    shown = colours if smooth is None else smooth
+    i, j = _pairs(shown, np.flatnonzero(seen)).T
     if len(i) < _FEWEST:
         return None
-    lightness = np.log(np.maximum(colours.mean(axis=1), _DARKEST))
+    lightness = np.log(np.maximum(shown.mean(axis=1), _DARKEST))
     basis = _harmonics(normals)
     rows, wanted = basis[i] - basis[j], lightness[i] - lightness[j]
     fitted = _least_absolute(rows, wanted)
@@ -76,6 +78,16 @@ def _least_absolute(rows: Array, wanted: Array) -> Array:
         weighted = rows * weights[:, None]
         found = np.asarray(np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ wanted), np.float64)
     return found
+
+
+def colour_noise(colours: Array, edges: Indices) -> float:
+    """One sigma of the noise in each channel of colours (N, 3), from the steps between most neighbours (E, 2).
+
+    The median length of three normal numbers of variance 1 is 1.538, and a difference has twice the variance.
+    """
+    if not len(edges):
+        return 0.0
+    return float(np.median(lengths(colours[edges[:, 0]] - colours[edges[:, 1]]))) / (1.538 * np.sqrt(2))
 
 
 def colour_steps(one: Array, other: Array, shading: float) -> Array:

@@ -19,8 +19,6 @@ from poise.types import Array, Indices, Mask
 
 _SHADING = 0.2
 """Share by which lightness may be off where lighting was taken out: normals at edges are means."""
-_SMOOTH = 0.2
-"""`MergeCosts.smooth` of what has one colour."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
 
@@ -174,7 +172,7 @@ def segment(
 
 def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
     """Colours (N, 3) without lighting, and by what share their lightness may still be off."""
-    paint = unlit(colours, graph.normals, seen)
+    paint = unlit(colours, graph.normals, seen, smooth_colours(colours, graph.edges))
     if paint is None:
         return colours, 0.0
     # A completed point has the shade of a seen one that faces elsewhere.
@@ -187,12 +185,11 @@ def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCo
 
     Colours without lighting keep the costs that were tuned on them.
     """
-    if plain:
-        costs = replace(options.costs, smooth=_SMOOTH)
-        return replace(costs, shading=shading, colour=0.0) if shading else costs
     if not shading:
         return options.costs
-    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit, smooth=_SMOOTH)
+    if plain:
+        return replace(options.costs, shading=shading, colour=0.0)
+    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit)
 
 
 def _contrast(colours: Array, shading: float) -> float:

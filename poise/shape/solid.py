@@ -22,12 +22,15 @@ class Solid:
         tetrahedra: (T, 4) vertex numbers, right-handed; one that is inside out takes away.
         neighbours: (T, 4) the tetrahedron behind the face opposite each corner; -1: outside.
         volume_std: m3, one sigma of the volume.
+        between: m3, where its points leave a wide gap: about the volume if the gap is an opening, as that of a cup, and
+            if it is a hole in the sampling; None where there is no such gap.
     """
 
     vertices: Array
     tetrahedra: Indices
     neighbours: Indices
     volume_std: float = 0.0
+    between: tuple[float, float] | None = None
 
     @cached_property
     def volumes(self) -> Array:
