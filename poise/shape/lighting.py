@@ -87,7 +87,8 @@ def colour_noise(colours: Array, edges: Indices) -> float:
     """
     if not len(edges):
         return 0.0
-    return float(np.median(lengths(colours[edges[:, 0]] - colours[edges[:, 1]]))) / (1.538 * np.sqrt(2))
+    steps = lengths(colours[edges[:, 0]] - colours[edges[:, 1]])
+    return float(np.median(steps) / (1.538 * np.sqrt(2)))
 
 
 def colour_steps(one: Array, other: Array, shading: float) -> Array:
