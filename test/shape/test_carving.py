@@ -5,6 +5,7 @@ import pytest
 import shape_samples as samples
 
 from poise.errors import ErrorCode, InputError
+from poise.shape.carving import _least_to_root as least_to_root
 from poise.shape.carving import _to_triangles as to_triangles
 from poise.shape.carving import carve, depths_below, depths_inside
 
@@ -86,3 +87,16 @@ def test_the_distance_to_a_triangle_is_that_to_its_nearest_point() -> None:
     drawn = rng.dirichlet(np.full(3, 0.6), 50_000)
     nearest = [np.linalg.norm(drawn @ corners[i, 0] - points[i], axis=1).min() for i in range(len(points))]
     np.testing.assert_allclose(to_triangles(points, corners)[:, 0], nearest, atol=1e-3)
+
+
+@pytest.mark.parametrize("longest", [1, 40])
+def test_the_least_on_the_way_to_the_root(longest: int) -> None:
+    """Trees whose nodes hang on one of a few before them, and chains."""
+    rng = np.random.default_rng(longest)
+    count = 300
+    parents = np.maximum(np.arange(count) - rng.integers(1, longest + 1, count), 0)
+    values = rng.uniform(size=count)
+    wanted = values.copy()
+    for node in range(1, count):
+        wanted[node] = min(wanted[node], wanted[parents[node]])
+    np.testing.assert_array_equal(least_to_root(values, parents), wanted)

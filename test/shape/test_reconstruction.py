@@ -70,6 +70,21 @@ def test_few_points_of_a_cup_are_not_sure_of_its_opening(seed: int, noise: float
     assert abs(made.solid.volume - shape.volume) < 2 * made.solid.volume_std
 
 
+def test_a_wide_gap_is_said_with_the_volumes_of_an_opening_and_of_a_hole() -> None:
+    """Few points of a mug have a gap that the ball may enter or not; many points of it, and solid bodies, have none."""
+    mug = turned(913)
+    found = segment(cloud(mug, 0.0, count=500))
+    between = carve(cloud(mug, 0.0, count=500)).between
+    assert between is not None
+    opening, hole = between
+    assert mug.volume < opening < 0.6 * hole
+    assert (
+        sum("wide gap" in note and f"{1e6 * found.solid.volume:.3g} cm3 was taken" in note for note in found.notes) == 1
+    )
+    assert carve(cloud(mug, 0.0, count=3000)).between is None
+    assert carve(cloud(CASES[0], 0.0, count=500)).between is None
+
+
 def test_points_inside_say_that_an_object_is_hollow() -> None:
     """A vase with a neck too narrow for the ball, and the same outside without a hollow."""
     hollow = turned(64)
