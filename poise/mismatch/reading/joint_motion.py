@@ -20,7 +20,7 @@ from poise.types import Array, Mask, Stamps
 _FEWEST = 100
 """Wrench samples with known motion, at least."""
 _JITTER = 1e-5
-"""s of jitter that is not reported."""
+"""s of jitter that is neither removed nor reported."""
 _MARGIN = 0.1
 """s at the ends of the joint states whose efforts are not compared."""
 
@@ -79,7 +79,7 @@ def recorded_from_streams(
     check_positions(robot, position)
     check_rates(joints, joints if wrench is None else wrench)
     start = int((joints if wrench is None else wrench).stamps[0])
-    sampled, jitter = sampling_times(seconds_since(joints.stamps, start), position)
+    sampled, jitter = _clock(seconds_since(joints.stamps, start), position)
     samples = _JointSamples(sampled, position, velocity, effort, odometry, start, jitter)
     carried = phi + np.asarray(tool)
     if wrench is None:
@@ -136,8 +136,14 @@ def _of_efforts(
     return recorded, _jitter(samples)
 
 
+def _clock(stamped: Array, position: Array) -> tuple[Array, float]:
+    """When joint states were sampled, and the jitter of their stamps, s; without jitter the stamps are kept."""
+    even, jitter = sampling_times(stamped, position)
+    return (stamped, 0.0) if jitter < _JITTER else (even, jitter)
+
+
 def _jitter(samples: _JointSamples) -> list[str]:
-    if samples.jitter < _JITTER:
+    if not samples.jitter:
         return []
     return [f"joint stamps jitter by {1e3 * samples.jitter:.2f} ms about a regular clock: that clock was used"]
 
