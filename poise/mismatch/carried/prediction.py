@@ -1,5 +1,6 @@
 """When a scene on a base is predicted to move: the acceleration against the limits of the assembly engine."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -92,7 +93,7 @@ class SceneLimits:
     @cached_property
     def smooth(self) -> AccelerationLimits:
         """The limits with half of the friction."""
-        return acceleration_limits(_smoothed(self.scene), _AROUND, turning=False)
+        return acceleration_limits(_with_friction(self.scene, lambda known: _SMOOTH * known), _AROUND, turning=False)
 
     def tips_by(self, acceleration: Array) -> float:
         """Logarithm of the limit of slipping over that of tipping, along an acceleration (3,): tipping is first if > 0.
@@ -121,18 +122,15 @@ def mode_at(scene: Assembly, acceleration: Array) -> tuple[str, tuple[str, ...]]
     return ("slip" if found.limits[0] < _SLIPS * tips else "tip"), found.first_to_move[0]
 
 
+def _with_friction(scene: Assembly, law: Callable[[float], float]) -> Assembly:
+    """A scene with other coefficients of friction."""
+    pairs = tuple(replace(pair, coefficient=law(pair.coefficient)) for pair in scene.friction_pairs)
+    return replace(scene, friction=None if scene.friction is None else law(scene.friction), friction_pairs=pairs)
+
+
 def _roughened(scene: Assembly) -> Assembly:
     """A scene in which nothing slips."""
-    pairs = tuple(replace(pair, coefficient=_ROUGH) for pair in scene.friction_pairs)
-    return replace(scene, friction=_ROUGH if scene.friction is not None else None, friction_pairs=pairs)
-
-
-def _smoothed(scene: Assembly) -> Assembly:
-    """A scene with half of the friction."""
-    pairs = tuple(replace(pair, coefficient=_SMOOTH * pair.coefficient) for pair in scene.friction_pairs)
-    return replace(
-        scene, friction=_SMOOTH * scene.friction if scene.friction is not None else None, friction_pairs=pairs
-    )
+    return _with_friction(scene, lambda _: _ROUGH)
 
 
 def _directions(acceleration: Array) -> Array:
