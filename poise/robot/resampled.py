@@ -49,7 +49,6 @@ class ResampledSignal:
 
     Args:
         known: (N,) where there are values.
-        jitter: s, one sigma of the removed stamp jitter; 0 when the stamps were used unchanged.
         noise: (J,) one sigma of a sample about the spline.
         sigma: (3, N, J) one-sigma errors of position, velocity and acceleration; no velocity at rest.
     """
@@ -58,7 +57,6 @@ class ResampledSignal:
     velocity: Array
     acceleration: Array
     known: Mask
-    jitter: float
     noise: Array
     sigma: Array
 
@@ -87,7 +85,7 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
-    seconds, jitter = sampling_times(seconds, values)
+    seconds, _ = sampling_times(seconds, values)
     out, sigma = np.full((2, 3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
@@ -103,7 +101,7 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
                 found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
                 errors[:, still, column] = np.array([[rest.sigma[0]], [0.0], [0.0]])
         out[:, inside], sigma[:, inside] = found, errors
-    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise, sigma)
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), noise, sigma)
 
 
 def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
@@ -142,8 +140,7 @@ class _Blend:
                 fit.with_slopes(columns, fit.slope_sums(slopes), np.full(len(columns), weight)) for fit in plain
             ]
             best = np.argmin([fit.score() for fit in self._fits], axis=0)
-        off = values - np.stack([self._fits[i](seconds)[:, j] for j, i in enumerate(best)], axis=1)
-        over = np.mean(np.abs(off) > self._step / 2, axis=0)
+        over = np.mean(np.abs(_off(values, seconds, self._fits, best)) > self._step / 2, axis=0)
         self._rounded = self._step > _COARSE * np.sqrt(12.0) * self.noise
         self._beside = np.maximum(over / _OVER, _INEXACT) * self._step
         self._score = np.stack([self._local(fit, values, slopes, weight) for fit in self._fits])
@@ -219,13 +216,18 @@ def _at(wanted: Array, seconds: Array, values: Array) -> Array:
     return np.stack([np.interp(wanted, seconds, column) for column in values.T], axis=1)
 
 
+def _off(values: Array, seconds: Array, fits: list[SplineFit], best: Array, order: int = 0) -> Array:
+    """(M, J) samples of a derivative less that of the spline that suits each column best."""
+    return np.stack([values[:, j] - fits[i](seconds, order)[:, j] for j, i in enumerate(best)], axis=1)
+
+
 def _trusted(
     seconds: Array, rates: Array | None, fits: list[SplineFit], best: Array, noise: Array
 ) -> tuple[Array | None, float]:
     """Measured rates to use, with the weight (s2) of their noise; None when the noise is not white."""
     if rates is None or not np.isfinite(rates).all():
         return None, 0.0
-    off = np.stack([rates[:, j] - fits[i](seconds, 1)[:, j] for j, i in enumerate(best)], axis=1)
+    off = _off(rates, seconds, fits, best, order=1)
     length = len(off) // 25 * 25
     if length < 100:
         return None, 0.0

@@ -104,7 +104,8 @@ class Stone:
     def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
         """The solid; arguments and errors as of the function `carve`."""
         cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
-        larger = [each for each in _LEAK_BALLS if self._volume(_BALL) < _LEAK * self._volume(each)]
+        small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
+        larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
         small = (reach <= _BALL) & (self._volumes > 0)
         opening = bool(larger) and bare_share(_solid(*cells, small)) < _SHEETS
         ball = _BALL if opening else max([_BALL, *larger])
@@ -117,10 +118,9 @@ class Stone:
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
             )
-        behind = self._volume(_LEAK_BALLS[-1]) - self._volume(_BALL) if opening else 0.0
+        behind = largest_ball - small_ball if opening else 0.0
         spread = _doubt(self._volume, ball, found.volume, behind)
-        between = (self._volume(_BALL), self._volume(_LEAK_BALLS[-1])) if larger else None
-        return replace(found, volume_std=spread, between=between)
+        return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
 
     def _volume(self, ball: float) -> float:
         """m3 that a ball of some radius, in spacings, leaves."""

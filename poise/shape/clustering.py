@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from poise.geometry import lengths
-from poise.shape.lighting import colour_steps
+from poise.shape.lighting import colour_steps, usual_step
 from poise.shape.surface_graph import folds
 from poise.types import Array, Indices
 
@@ -153,7 +153,7 @@ def smooth_colours(colours: Array, edges: Indices) -> Array:
     What is much the same is learnt from the neighbours themselves; colours without noise stay as they are.
     """
     i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    alike = _ALIKE * float(np.median(np.linalg.norm(colours[edges[:, 0]] - colours[edges[:, 1]], axis=1)))
+    alike = _ALIKE * usual_step(colours, edges)
     if alike < _LEAST_NOISE:
         return colours
     for _ in range(_SMOOTHINGS):

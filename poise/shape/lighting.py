@@ -6,6 +6,8 @@ chromaticity, in the L1 norm, in which pairs of two paints that differ in lightn
 not described.
 """
 
+import math
+
 import numpy as np
 
 from poise.geometry import lengths
@@ -80,15 +82,17 @@ def _least_absolute(rows: Array, wanted: Array) -> Array:
     return found
 
 
+def usual_step(colours: Array, edges: Indices) -> float:
+    """Median distance of the colours (N, 3) of neighbours (E, 2); 0 without any."""
+    return float(np.median(lengths(colours[edges[:, 0]] - colours[edges[:, 1]]))) if len(edges) else 0.0
+
+
 def colour_noise(colours: Array, edges: Indices) -> float:
     """One sigma of the noise in each channel of colours (N, 3), from the steps between most neighbours (E, 2).
 
     The median length of three normal numbers of variance 1 is 1.538, and a difference has twice the variance.
     """
-    if not len(edges):
-        return 0.0
-    steps = lengths(colours[edges[:, 0]] - colours[edges[:, 1]])
-    return float(np.median(steps) / (1.538 * np.sqrt(2)))
+    return usual_step(colours, edges) / (1.538 * math.sqrt(2))
 
 
 def colour_steps(one: Array, other: Array, shading: float) -> Array:

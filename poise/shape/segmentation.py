@@ -146,12 +146,12 @@ def segment(
     made = reconstruct(points, options.points, options.noise, normals, seen, doubt)
     notes = check_coverage(made.carved, made.solid, made.inside, made.misfit / max(made.noise, 1e-9))
     few, spacing = made.solid.vertices, made.spacing
-    shades, shading = np.zeros_like(few), 0.0
-    graph = surface_graph(made.solid)
+    shades = smooth = np.zeros_like(few)
+    graph, shading = surface_graph(made.solid), 0.0
     if colours is not None:
         known = np.ones(len(few), bool) if seen is None else seen[made.rows]
-        shades, shading = _paint(colours[made.rows], few, graph, known)
-    features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals, shading)
+        shades, smooth, shading = _paint(colours[made.rows], few, graph, known)
+    features = Features(few / spacing, smooth, graph.normals, shading)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)
     plain = _contrast(features.colours, shading) <= _PLAIN
@@ -170,14 +170,15 @@ def segment(
     return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, made.noise, part_colours, hollow, notes)
 
 
-def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, float]:
-    """Colours (N, 3) without lighting, and by what share their lightness may still be off."""
-    paint = unlit(colours, graph.normals, seen, smooth_colours(colours, graph.edges))
+def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tuple[Array, Array, float]:
+    """Colours (N, 3) without lighting, also without noise, and by what share their lightness may still be off."""
+    smooth = smooth_colours(colours, graph.edges)
+    paint = unlit(colours, graph.normals, seen, smooth)
     if paint is None:
-        return colours, 0.0
+        return colours, smooth, 0.0
     # A completed point has the shade of a seen one that faces elsewhere.
     paint[~seen] = paint[seen][cKDTree(points[seen]).query(points[~seen])[1]]
-    return paint, _SHADING
+    return paint, smooth_colours(paint, graph.edges), _SHADING
 
 
 def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCosts:

@@ -123,11 +123,11 @@ def probability(
     around = _TOGETHER + 2 * first.deviation
     begin, end = first.released - around, first.time + around
 
-    def gives_way(begin: float, end: float, over: float, sense: float) -> float:
+    def gives_way(start: float, stop: float, over: float, sense: float) -> float:
         """Between two times, s, at a load of at most `over`, towards where it was seen to move, or away from there."""
-        early, late = _most_at(found, seconds, begin), _most_at(found, seconds, end)
+        early, late = _most_at(found, seconds, start), _most_at(found, seconds, stop)
         chance = _passed(late, spread) - _passed(max(early, late / over), spread)
-        near = np.flatnonzero((seconds >= begin) & (seconds <= end))
+        near = np.flatnonzero((seconds >= start) & (seconds <= stop))
         if chance < 1e-9 or not len(near):
             return max(chance, 0.0)
         # what the strongest acceleration of that time asks for, not what came before and was withstood

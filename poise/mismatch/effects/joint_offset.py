@@ -32,7 +32,7 @@ class JointOffset(Effect):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return recorded.once("joint offsets", lambda: -joint_columns(recorded))
+        return -joint_columns(recorded)
 
     def twins(self, values: Values) -> tuple[str, ...]:
         """A single joint sees a tilt of its base about its axis alone, which is an offset."""
@@ -50,6 +50,10 @@ class JointOffset(Effect):
 
 def joint_columns(recorded: RecordedMotion) -> Array:
     """(N, 6, J) change of the nominal wrench with each joint's position."""
+    return recorded.once("joint columns", lambda: _joint_columns(recorded))
+
+
+def _joint_columns(recorded: RecordedMotion) -> Array:
     if recorded.joints is None:
         return np.zeros((len(recorded), 6, 0))
     motion = recorded.joints.motion_by_position
