@@ -32,6 +32,7 @@ from poise.mismatch.inference import (
     Problem,
     ProvenModel,
     TimeLimit,
+    beside_stuck_joints,
     effort_problem,
     fit,
     held_out,
@@ -233,6 +234,7 @@ def diagnose(
         share = 1.0 / len(signals)
         limit = TimeLimit(_FOR_SEARCH * left / (len(signals) - number), progress, (number * share, share))
         problem = wrench_problem(recorded, model) if signal == "wrench" else _efforts(recorded, model, examined)
+        problem = beside_stuck_joints(problem, library)
         suspects = frozenset(name for one in examined if one.unknown is not None for name in one.unproven)
         examined.append(_examined(problem, last, library, limit, suspects, rivals))
     missing = {

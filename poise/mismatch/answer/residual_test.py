@@ -7,6 +7,7 @@ The test is absolute: the residual is compared with the size that sensor noise m
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import MATERIAL_EXCESS, Problem, allowed_excess, linear_bspline_basis
@@ -81,12 +82,14 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     variance = variance if noise.motion is None else variance + noise.motion
     level, speed = (block_means(each, block)[2:-1] for each in (variance, noise.speed))
     fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0)) / np.sqrt(20.0 * level)
-    loudness = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
+    # Limited readings have no noise.
+    free = sliding_window_view(block_means(problem.free, block), 4, axis=0).min(axis=-1) == 1.0
+    energy = np.where(free, np.clip(fast, 0.0, 8.0) ** 2, 0.0).sum(axis=1)
     slow, quick = np.quantile(speed, [0.3, 0.7])
     if quick - slow < 0.1:
         return False
-    before, after = loudness[speed <= slow], loudness[speed >= quick]
-    return bool(np.sqrt(np.mean(after**2)) > _LOUDER * np.sqrt(np.mean(before**2)))
+    before, after = (energy[at].sum() / max(free[at].sum(), 1) for at in (speed <= slow, speed >= quick))
+    return bool(np.sqrt(after) > _LOUDER * np.sqrt(before) > 0.0)
 
 
 def _strongest_correlation(whitened: Array) -> float:

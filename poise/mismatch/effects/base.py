@@ -154,6 +154,7 @@ class Effect(ABC):
         turn: derived quantity, rad, by which the load turns on the sensor: less than the tolerance of the sensor's
             rotation is no finding; "" for an effect that does not turn it.
         of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
+        dry: friction that carries a load of up to its size while the joint is at rest.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -181,6 +182,7 @@ class Effect(ABC):
     turn: ClassVar[str] = ""
     widens: ClassVar[str] = ""
     of_joint: ClassVar[Mapping[str, str]] = {}
+    dry: ClassVar[bool] = False
     defaults: ClassVar[Values] = {}
 
     @abstractmethod

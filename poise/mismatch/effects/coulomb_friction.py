@@ -9,21 +9,17 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
     RAMP_DEFAULTS,
-    RAMPS_LAW,
-    RAMPS_LEAD,
-    TRANSITION,
     each_joint,
     in_model,
+    inert_in_reversal,
     lacking,
-    likely_ramps,
     listed,
     numbers,
     of_joints,
-    ramps,
-    sense,
-    soft_sense,
+    reversal,
+    reversal_parameters,
+    reversals_by_law,
     torque_sizes,
-    transitions,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -48,16 +44,14 @@ class CoulombFriction(Effect):
         "backlash",
     )
     needs = ("effort",)
+    dry = True
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0, **RAMP_DEFAULTS}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes, joints = torque_sizes(recorded), numbers(recorded)
         return (
-            TRANSITION,
-            RAMPS_LAW,
-            RAMPS_LEAD,
-            *ramps(recorded),
+            *reversal_parameters(recorded),
             *(
                 EffectParameter(f"torque_{i}", "N m", s, positive=True, known=known)
                 for i, s, known in zip(joints, sizes, in_model(recorded, "friction"), strict=True)
@@ -69,28 +63,23 @@ class CoulombFriction(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        common = {p.name: RAMP_DEFAULTS["ramp"] for p in ramps(recorded)}
-        common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
-        for start in transitions():
-            yield {**common, **start}
-        soft = likely_ramps(recorded, residual)
-        yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+        yield from reversals_by_law(recorded, residual)
 
     def general_at(self, start: Values) -> bool:
         """Real drives follow no engine's law, whose ramps can imitate other effects."""
         return bool(start["law"])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        against = _sense(recorded, nonlinear)
+        against = reversal(recorded, nonlinear)
         return np.concatenate([each_joint(against), each_joint(np.abs(against))], axis=2)
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        against = _sense(recorded, values)
+        against = reversal(recorded, values)
         torque, asymmetry = (of_joints(recorded, values, name) for name in ("torque", "asymmetry"))
         return np.asarray(against * torque + np.abs(against) * asymmetry)
 
     def inert(self, values: Values) -> tuple[str, ...]:
-        return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
+        return inert_in_reversal(values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Friction acts against the motion in either direction."""
@@ -103,12 +92,3 @@ class CoulombFriction(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
         return f"Joints have Coulomb friction: {sizes}; {lacking(recorded, 'friction', 'dry friction')}."
-
-
-_OF_RAMPS = ("lead", "ramp_")
-"""Stems of the parameters of soft friction alone."""
-
-
-def _sense(recorded: RecordedMotion, values: Values) -> Array:
-    """(M, J) s of the equation."""
-    return soft_sense(recorded, values) if values["law"] else sense(recorded, values["transition"])

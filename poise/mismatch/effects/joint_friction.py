@@ -27,6 +27,8 @@ RAMPS_LEAD = EffectParameter("lead", "s", low=5e-4, high=0.1, linear=False, log=
 """The time constant of the constraint; of MuJoCo by default solref, 0.02 s, times solimp's 0.95, over 2."""
 RAMP_DEFAULTS: Values = {"law": 0.0, "lead": 0.0095, "ramp": 0.02}
 _RAMPS = np.geomspace(0.004, 0.8, 12)
+_OF_RAMPS = ("lead", "ramp_")
+"""Stems of the parameters of the soft constraint alone."""
 
 
 def ramps(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -46,6 +48,31 @@ def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
     track = efforts(recorded)
     widths = of_joints(recorded, values, "ramp")
     return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
+
+
+def reversal_parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+    """Of the law by which dry friction reverses, see `reversal`."""
+    return (TRANSITION, RAMPS_LAW, RAMPS_LEAD, *ramps(recorded))
+
+
+def reversal(recorded: RecordedMotion, values: Values) -> Array:
+    """(M, J) the sense of dry friction, -1 to 1, by either law: smooth about rest, or a soft constraint."""
+    return soft_sense(recorded, values) if values["law"] else sense(recorded, values[TRANSITION.name])
+
+
+def reversals_by_law(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+    """Values of `reversal_parameters` from which a fit reaches every other one; the soft constraint comes last."""
+    common = {p.name: RAMP_DEFAULTS["ramp"] for p in ramps(recorded)}
+    common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
+    for start in transitions():
+        yield {**common, **start}
+    soft = likely_ramps(recorded, residual)
+    yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+
+
+def inert_in_reversal(values: Values) -> tuple[str, ...]:
+    """The parameters of the law that does not act."""
+    return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
 
 
 def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:

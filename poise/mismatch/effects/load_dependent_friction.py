@@ -37,6 +37,7 @@ class LoadDependentFriction(Effect):
     separating_motion = "the same slow strokes with the arm stretched and folded: this friction grows with the reach"
     confused_with = ("coulomb_friction", "stribeck_friction", "viscous_friction")
     needs = ("effort",)
+    dry = True
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "inertial": 1.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -34,6 +34,7 @@ class PositionFriction(Effect):
     separating_motion = "small strokes at ten places of the joint's range: their friction differs"
     confused_with = ("coulomb_friction", "load_dependent_friction", "gear_ripple")
     needs = ("effort",)
+    dry = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = list(zip(numbers(recorded), torque_sizes(recorded), strict=True))

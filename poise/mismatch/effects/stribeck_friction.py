@@ -8,17 +8,19 @@ import numpy as np
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
-    TRANSITION,
+    RAMP_DEFAULTS,
     each_joint,
     efforts,
     in_model,
+    inert_in_reversal,
     listed,
     numbers,
     of_joints,
     per,
-    sense,
+    reversal,
+    reversal_parameters,
+    reversals_by_law,
     torque_sizes,
-    transitions,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -28,7 +30,10 @@ _SLOW = 0.5
 
 
 class StribeckFriction(Effect):
-    """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) tanh(v_j / width) + d_j v_j; one v_s and one width for all joints."""
+    """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) s(v_j) + d_j v_j; one v_s for all joints.
+
+    s = tanh(v_j / width), or reverses as a soft constraint, see `soft_sense`.
+    """
 
     name = "stribeck_friction"
     layer = "friction"
@@ -39,14 +44,16 @@ class StribeckFriction(Effect):
     separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
-    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION}
+    dry = True
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, **RAMP_DEFAULTS}
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction", "damping": "damping"}
     made_of = ("coulomb_friction", "viscous_friction")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
         rates = per(recorded, "velocity") if recorded.effort is not None else sizes
-        made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True), TRANSITION]
+        made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
+        made += reversal_parameters(recorded)
         friction, damping = in_model(recorded, "friction"), in_model(recorded, "damping")
         kinds = (
             ("torque", "N m", sizes, friction),
@@ -61,19 +68,25 @@ class StribeckFriction(Effect):
         return tuple(made)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        del recorded, residual
-        for velocity in (0.05, 0.2):
-            for start in transitions():
-                if start["transition"] < 0.25 * velocity:
-                    yield {"velocity": velocity, **start}
+        sharp, *_, soft = reversals_by_law(recorded, residual)
+        for velocity in (0.05, 0.15):
+            yield {"velocity": velocity, **sharp}
+            yield {"velocity": velocity, **soft}
+
+    def general_at(self, start: Values) -> bool:
+        """Real drives follow no engine's law, whose ramps can imitate other effects."""
+        return bool(start["law"])
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return inert_in_reversal(values)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        velocity, against = efforts(recorded).velocity, sense(recorded, nonlinear["transition"])
+        velocity, against = efforts(recorded).velocity, reversal(recorded, nonlinear)
         slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        velocity, against = efforts(recorded).velocity, sense(recorded, values["transition"])
+        velocity, against = efforts(recorded).velocity, reversal(recorded, values)
         torque, stiction, damping = (of_joints(recorded, values, name) for name in ("torque", "stiction", "damping"))
         slow = np.exp(-((velocity / values["velocity"]) ** 2))
         return np.asarray(against * (torque + stiction * slow) + velocity * damping)

@@ -17,6 +17,7 @@ from poise.mismatch.inference.problem import FittedEffect, Problem, effort_probl
 from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
 from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, improved, replacements
 from poise.mismatch.inference.search import search
+from poise.mismatch.inference.standstill import beside_stuck_joints
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
     Dependence,
@@ -48,6 +49,7 @@ __all__ = [
     "alike",
     "allowed_excess",
     "averaged_efforts",
+    "beside_stuck_joints",
     "dependence_curve",
     "effort_problem",
     "effort_sizes",

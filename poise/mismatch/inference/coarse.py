@@ -65,6 +65,7 @@ def averaged_efforts(effort: EffortTrack, groups: NDArray[np.intp]) -> EffortTra
         for each in fields(effort)
         if isinstance(getattr(effort, each.name), np.ndarray)
     }
+    changes["stuck"] = None
     if effort.links is not None:
         names, columns = effort.links.base_parameters
         parts = (mean(part) for part in (effort.links.efforts, effort.links.by_parameter))

@@ -98,11 +98,17 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     settled = problem.active & problem.settled(best.parts)
     rows = last & settled
     spread = problem.noise.total
-    sizes = [float(np.sqrt(np.mean((error[rows] / spread[rows]) ** 2))) for error in errors]
-    kept = ~last & settled
-    floor = float(np.sqrt(np.mean((errors[1][kept] / spread[kept]) ** 2)))
-    by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors[:3]])
-    signal = np.sqrt(np.mean(problem.measured[rows] ** 2, axis=0))
+    # Stuck joints are no part of the comparison.
+    weight = problem.free if problem.signal == "effort" else np.ones_like(spread)
+
+    def size(error: Array, at: Mask) -> float:
+        return float(np.sqrt(np.sum(weight[at] * (error[at] / spread[at]) ** 2) / max(weight[at].sum(), 1.0)))
+
+    sizes = [size(error, rows) for error in errors]
+    floor = size(errors[1], ~last & settled)
+    share = weight[rows] / np.maximum(weight[rows].sum(axis=0), 1.0)
+    by_channel = np.array([np.sqrt(np.sum(share * error[rows] ** 2, axis=0)) for error in errors[:3]])
+    signal = np.sqrt(np.sum(share * problem.measured[rows] ** 2, axis=0))
     plain_size, full_size, given, in_range = sizes
     return HeldOutProof(floor, plain_size, full_size, given, in_range, by_channel, signal)
 

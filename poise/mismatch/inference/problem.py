@@ -79,8 +79,8 @@ class Problem:
         blocks: averaged samples; None: each sample counts by itself.
         band: (C,) share of independent samples, one for all noise models, so that their likelihoods are comparable.
         widened: calibration groups that exceed their tolerances, as another signal shows.
-        limited: (N, C) readings at the end of the sensor's range; they say only that the load is no smaller. None: no
-            reading is.
+        limited: (N, C) readings at the end of the sensor's range, which say only that the load is no smaller, or of
+            stuck joints, see `EffortTrack`. None: no reading is.
     """
 
     recorded: RecordedMotion
@@ -143,7 +143,7 @@ class Problem:
 
     @cached_property
     def free(self) -> Array:
-        """(N, C) 1 where a reading follows the load, 0 where it is at the end of the sensor's range."""
+        """(N, C) 1 where a reading follows the load, 0 where it is limited."""
         return np.ones(self.measured.shape) if self.limited is None else np.asarray(~self.limited, dtype=np.float64)
 
     @cached_property
@@ -254,9 +254,11 @@ class Problem:
         return replace(self, noise=noise)
 
     def unexplained(self, prediction: Array) -> Array:
-        """(N, C) measured less a prediction of the signal (N, C); none where a load is beyond the sensor's range."""
+        """(N, C) measured less a prediction of the signal (N, C); none where a limited reading explains it."""
         left = self.measured - prediction
-        return left if self.limited is None else np.where(self.limited & (left * self.measured < 0.0), 0.0, left)
+        if self.limited is None:
+            return left
+        return np.where(self.limited & ((left * self.measured < 0.0) | (self.signal == "effort")), 0.0, left)
 
     def weighed(self) -> "Problem":
         """The signal as its parameters are estimated: joint efforts by plain least squares in time.
@@ -291,7 +293,8 @@ def _begun(
         recorded = replace(recorded)  # its reversals are those of this prediction: the recording may have had another
     saturation = model.effect("saturation")
     stated = None if saturation is None else saturation.values
-    limited = limited_readings(recorded, stated) if signal == "wrench" else None
+    stuck = None if recorded.effort is None else recorded.effort.stuck
+    limited = limited_readings(recorded, stated) if signal == "wrench" else stuck
     noise = signal_noise(recorded, model, signal, None, limited=limited)
     rough = Problem(recorded, model, noise, signal, widened=widened, limited=limited)
     groups = rough.groups(recorded)

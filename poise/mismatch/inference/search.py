@@ -56,16 +56,7 @@ def search(
         All hypotheses, and the best fit: that of the nominal model when no effect is supported.
     """
     state = HypothesisSearch(problem, limit=limit or TimeLimit())
-    effects = []
-    for known in all_effects() if library is None else library:
-        effect = on_efforts(known, problem.recorded) if problem.signal == "effort" else known
-        if effect.signal != problem.signal or effect.direct:
-            continue
-        reason = effect.untestable(problem.recorded) or _identified(problem, effect)
-        if not reason:
-            effects.append(effect)
-        else:
-            state.untestable[effect.name] = reason
+    effects, state.untestable = testable(problem, library)
     if problem.signal == "wrench":
         effects += dependences(problem.recorded)
     state.library = (*effects, *(effort_curves() if problem.signal == "effort" else ()))
@@ -90,6 +81,21 @@ def search(
         )
         state.untestable |= dict.fromkeys(state.late, "the deadline came before it was tried")
     return state, _or_one_unknown(state, _pruned(state, best), effects)
+
+
+def testable(problem: Problem, library: Sequence[Effect] | None) -> tuple[list[Effect], dict[str, str]]:
+    """The effects of a library (None: all) on the signal, and those that the recording cannot show, with the cause."""
+    effects, untestable = [], {}
+    for known in all_effects() if library is None else library:
+        effect = on_efforts(known, problem.recorded) if problem.signal == "effort" else known
+        if effect.signal != problem.signal or effect.direct:
+            continue
+        reason = effect.untestable(problem.recorded) or _identified(problem, effect)
+        if reason:
+            untestable[effect.name] = reason
+        else:
+            effects.append(effect)
+    return effects, untestable
 
 
 def _or_one_unknown(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:

@@ -98,6 +98,8 @@ class EffortTrack:
             a rigid arm.
         errors_cancel: `measured` is without what another recording of the same motion has beyond `prediction`: errors
             of the model have no part in the residual.
+        stuck: (M, J) readings of joints that stand still in dry friction, which carries any load up to its size: they
+            say nothing of a smaller one. None: no reading is.
     """
 
     seconds: Array
@@ -117,6 +119,7 @@ class EffortTrack:
     prismatic: tuple[str, ...] = ()
     stated: tuple[JointPhysics, ...] = ()
     errors_cancel: bool = False
+    stuck: Mask | None = None
 
     @property
     def accelerating(self) -> Array:
