@@ -40,7 +40,10 @@ def underside(solid: Mask, seen: tuple[Array, Array], floor: float, low: Array, 
     lowest = _lowest(covered.shape, *seen, low, cell)
     stands = covered & (ndimage.minimum_filter(lowest, 3) < floor + _FOOT)
     looked_under = low[2] + cell * solid.argmax(axis=2)
-    hovers = covered & ~solid[..., 0] & (lowest < looked_under + _EDGE * cell) & ~stands
+    under = covered & ~solid[..., 0]
+    # The cells of a rim are partly beside the object: only what views see farther inwards is under it.
+    under &= ndimage.binary_dilation(under & ndimage.binary_erosion(covered), np.ones((3, 3)))
+    hovers = under & (lowest < looked_under + _EDGE * cell) & ~stands
     if not hovers.any():
         return np.zeros(covered.shape)
     plate, sag = _plate(covered, np.where(hovers, lowest, 0.0), stands | hovers)
