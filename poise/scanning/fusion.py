@@ -29,7 +29,7 @@ BAND = 0.004
 SLANT = 0.35
 """Cosine between normal and ray below which a measurement says little about the surface's place."""
 _NEIGHBOURS = 14
-_CLOSE = 1 / 3
+_CLOSE = 0.25
 """Voxels between points, below which they are of one place."""
 _COMPANY, _APART = 3, 5.0
 """Neighbours that a point has, and the spacings within which it has them."""
@@ -221,7 +221,7 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, vox
     step = sums / np.maximum(weight, 1e-9)
     moved = surface.points + np.clip(step, -_MOST_STEP, _MOST_STEP)[:, None] * surface.normals
     surface = replace(surface, points=moved).select((weight > 0) & (footprint.plane.heights(moved) > footprint.floor))
-    return _merged(surface, voxel)
+    return merged(surface, voxel)
 
 
 def normals_of(points: Array, toward: Array) -> Array:
@@ -233,7 +233,7 @@ def normals_of(points: Array, toward: Array) -> Array:
     return np.asarray(normals * np.where(np.einsum("ni,ni->n", normals, toward) < 0, -1.0, 1.0)[:, None])
 
 
-def _merged(surface: Surface, voxel: float) -> Surface:
+def merged(surface: Surface, voxel: float) -> Surface:
     """Without points that came to lie on others: of each close pair the lighter one goes. Single points go, too.
 
     Level faces at the border of two layers of voxels have both layers on them, so that the distance of neighbours says
