@@ -33,7 +33,8 @@ from poise.inertia.model.parameters import InertialParameters
 from poise.inertia.model.parts import Parts
 from poise.inertia.model.problem import IdentificationProblem
 from poise.shape.independent import independent_parts
-from poise.shape.segmentation import segment
+from poise.shape.reconstruction import guarded, reconstruct
+from poise.shape.segmentation import DEFAULT_SEGMENTATION, segment
 from poise.types import Array, Indices
 
 STILL = Scenario("stop-and-go")
@@ -60,13 +61,15 @@ def parts_to_try(subject: Subject, tool: BenchmarkObject, pose: Array) -> dict[s
     """By name, with their accuracy, in the sensor frame; (4, 4) pose of the cloud's frame in it."""
     found = segment(subject.points, subject.colours)
     solid, ours = found.solid, parts_of_segmentation(found)
-    true_labels = subject.labels[cKDTree(subject.points).query(solid.centroids)[1]]
+    made = reconstruct(subject.points, DEFAULT_SEGMENTATION.points)
+    true_labels = subject.labels[cKDTree(subject.points).query(made.carved.centroids)[1]]
+    true_labels = np.unique(true_labels, return_inverse=True)[1]
 
     def cut(labels: Indices | None) -> Parts:
         return parts_of_solid(solid, labels)
 
     scanned = {
-        "true labels on our solid": cut(true_labels),
+        "true labels on our solid": parts_of_solid(guarded(made, true_labels), true_labels),
         "ours": ours,
         "all of ours, no colours": cut(found.tetrahedron_labels),
         "at most 4 of ours": cut(independent_parts(found)),

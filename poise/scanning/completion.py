@@ -17,18 +17,20 @@ from poise.scanning.fusion import BAND, Surface
 from poise.scanning.looking import each, lookup
 from poise.scanning.support import CELL, Footprint
 from poise.scanning.underside import underside
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 _VIEWS = 64
 """That are asked whether they look through."""
 _FREE_VIEWS = 2
+_BEHIND = 0.002
+"""m behind what views see, within which they speak against free space: what is deeper may be air under a thin arm."""
 _FREE = 0.0007
 """m that views have to see behind a place, on average, for it to be free."""
 _NEAR, _ALIKE = 2.5, 0.3
 _VERY_NEAR, _OPPOSITE = 1.3, -0.5
 """Cells from a seen point, and cosine between normals, within which a hidden face is that of the seen surface."""
 _THIN = 2.0
-"""Cells over the table below which every seen point of a top gets its own below it."""
+"""Cells over the underside below which every seen point of a top gets its own below it."""
 _UNDERSIDE = -0.7
 """Normal's z below which a face looks at the table."""
 _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
@@ -104,7 +106,7 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
     off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
     doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
-    points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, cell)
+    points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, air, low, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
     return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers)
@@ -118,7 +120,7 @@ def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low:
 
     def ask(view: View) -> tuple[Mask, Array]:
         (beyond,) = lookup([view]).beyond(asked)
-        informative = beyond > -BAND  # deeper is hidden
+        informative = beyond > -_BEHIND  # deeper is hidden
         return informative, np.where(informative, np.minimum(beyond, BAND), 0.0)
 
     answers = each(chosen, ask)
@@ -143,8 +145,7 @@ def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
 
 def _on_underside(points: Array, normals: Array, air: Array, low: Array, cell: float) -> Mask:
     """Which faces (F, 3) are of an underside over air (X, Y) m; they are moved to its height."""
-    index = np.floor((points[:, :2] - low[:2]) / cell).astype(int).clip(0, np.array(air.shape) - 1)
-    height = air[index[:, 0], index[:, 1]]
+    height = air[_columns(points, low, cell, air.shape)]
     hanging = (normals[:, 2] < _UNDERSIDE) & (height > 0) & (np.abs(points[:, 2] - height) <= cell)
     points[hanging, 2] = height[hanging]
     return np.asarray(hanging)
@@ -183,7 +184,7 @@ def _doubts(points: Array, normals: Array, seen: tuple[Array, Array], floor: flo
 
 
 def _under_thin(
-    points: Array, normals: Array, off: Array, seen: tuple[Array, Array], cell: float
+    points: Array, normals: Array, off: Array, seen: tuple[Array, Array], air: Array, low: Array, cell: float
 ) -> tuple[Array, Array, Array]:
     """The bottom of thin plates is as dense as their top: else a point without another below it bounds no volume.
 
@@ -191,13 +192,21 @@ def _under_thin(
         The points, their normals, and one sigma of where they are, m.
     """
     there, facing = seen
-    below = there[(there[:, 2] < _THIN * cell) & (facing[:, 2] > -_UNDERSIDE)] * [1, 1, 0]
+    column = _columns(there, low, cell, air.shape)
+    thick = there[:, 2] - air[column]
+    thin = (thick > 0) & (thick < _THIN * cell) & (facing[:, 2] > -_UNDERSIDE)
+    below = np.column_stack([there[thin, :2], air[column][thin]])
     if not len(below):
         return points, normals, off
     kept = cKDTree(below).query(points)[0] > cell
     down = np.tile([0.0, 0.0, -1.0], (len(below), 1))
     like = off[cKDTree(points).query(below)[1]] if len(points) else np.full(len(below), _GUESSED)
     return np.concatenate([points[kept], below]), np.concatenate([normals[kept], down]), np.append(off[kept], like)
+
+
+def _columns(points: Array, low: Array, cell: float, shape: tuple[int, ...]) -> tuple[Indices, ...]:
+    """Numbers of the columns of cells that points (N, 3) lie in."""
+    return tuple(np.floor((points[:, :2] - low[:2]) / cell).astype(int).clip(0, np.array(shape) - 1).T)
 
 
 def _unknown(footprint: Footprint) -> float:

@@ -29,6 +29,8 @@ BAND = 0.004
 SLANT = 0.35
 """Cosine between normal and ray below which a measurement says little about the surface's place."""
 _NEIGHBOURS = 14
+_CLOSE = 0.25
+"""Voxels between points, below which they are of one place."""
 _COMPANY, _APART = 3, 5.0
 """Neighbours that a point has, and the spacings within which it has them."""
 _FEWEST_VIEWS = ((12, 3), (6, 2), (0, 1))
@@ -103,7 +105,7 @@ def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
         InputError: SCAN_INCOMPLETE when too little of it is left.
     """
     gathered = _gather(views, footprint, voxel)
-    surface = _averaged(gathered, views, footprint)
+    surface = _averaged(gathered, views, footprint, voxel)
     if len(surface.points) < 50:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
@@ -195,7 +197,7 @@ def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float
     return left, right, top, bottom, distance
 
 
-def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> Surface:
+def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     """Points that views agree on, each where they see it on average."""
     looked = in_all(views, lambda depths: depths.agreement(surface.points, BAND))
     agree, through, toward = (sum(shares) for shares in zip(*looked, strict=True))
@@ -219,7 +221,7 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
     step = sums / np.maximum(weight, 1e-9)
     moved = surface.points + np.clip(step, -_MOST_STEP, _MOST_STEP)[:, None] * surface.normals
     surface = replace(surface, points=moved).select((weight > 0) & (footprint.plane.heights(moved) > footprint.floor))
-    return _merged(surface)
+    return merged(surface, voxel)
 
 
 def normals_of(points: Array, toward: Array) -> Array:
@@ -231,19 +233,18 @@ def normals_of(points: Array, toward: Array) -> Array:
     return np.asarray(normals * np.where(np.einsum("ni,ni->n", normals, toward) < 0, -1.0, 1.0)[:, None])
 
 
-def _merged(surface: Surface) -> Surface:
+def merged(surface: Surface, voxel: float) -> Surface:
     """Without points that came to lie on others: of each close pair the lighter one goes. Single points go, too.
 
-    These are noise of the table that is as high as the lowest that counts as an object.
+    Level faces at the border of two layers of voxels have both layers on them, so that the distance of neighbours says
+    nothing before. Single points are noise of the table that is as high as the lowest that counts as an object.
     """
-    tree = cKDTree(surface.points)
-    near = tree.query(surface.points, k=_COMPANY + 1)[0]
-    spacing = float(np.median(near[:, 1]))
-    pairs = tree.query_pairs(0.7 * spacing, output_type="ndarray")
-    lighter = np.where(surface.weights[pairs[:, 0]] < surface.weights[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
-    kept = near[:, -1] < _APART * spacing
-    kept[lighter] = False
-    return surface.select(kept)
+    pairs = cKDTree(surface.points).query_pairs(_CLOSE * voxel, output_type="ndarray")
+    kept = np.ones(len(surface.points), bool)
+    kept[np.where(surface.weights[pairs[:, 0]] < surface.weights[pairs[:, 1]], pairs[:, 0], pairs[:, 1])] = False
+    surface = surface.select(kept)
+    near = cKDTree(surface.points).query(surface.points, k=_COMPANY + 1)[0]
+    return surface.select(near[:, -1] < _APART * float(np.median(near[:, 1])))
 
 
 def _in_world(view: View, rays: Single, depth: Single) -> Single:

@@ -133,10 +133,9 @@ def scan(
 
     _check_depth(views, options)
     reach(0.0)
-    plane, footprint, n_objects, notes = _look(views, options)
-    views, said = _of_true_depth(views, plane, options)
-    if said:
-        plane, footprint, n_objects, notes = _look(views, options)
+    table = _table(views, options)
+    views, said = _of_true_depth(views, table[1], options)
+    plane, footprint, n_objects, notes = _look(views, options, None if said else table)
     reach(0.2)
     moved = 0.0
     if _wants_refinement(views, plane, options):
@@ -262,9 +261,7 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
         InputError: as `scan`.
     """
     _check_depth(views, options)
-    points = coarse_points(views, options.farthest)
-    up = np.array(options.up) / np.linalg.norm(options.up)
-    plane = find_plane(points, up, np.random.default_rng(options.seed))
+    points, plane = _table(views, options)
     return objects_on(_regarded(points, plane, options), plane)[1]
 
 
@@ -323,11 +320,18 @@ def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
         )
 
 
-def _look(views: Sequence[View], options: ScanOptions) -> tuple[Plane, Footprint, int, list[str]]:
-    """The table, the object's place on it, how many stand there, and notes."""
+def _table(views: Sequence[View], options: ScanOptions) -> tuple[Array, Plane]:
+    """Some points (N, 3) m of all views, and the table that they show."""
     points = coarse_points(views, options.farthest)
     up = np.array(options.up) / np.linalg.norm(options.up)
-    plane = find_plane(points, up, np.random.default_rng(options.seed))
+    return points, find_plane(points, up, np.random.default_rng(options.seed))
+
+
+def _look(
+    views: Sequence[View], options: ScanOptions, table: tuple[Array, Plane] | None = None
+) -> tuple[Plane, Footprint, int, list[str]]:
+    """The table, which may be known, the object's place on it, how many stand there, and notes."""
+    points, plane = table or _table(views, options)
     footprints, middles = objects_on(_regarded(points, plane, options), plane)
     given = options.near if options.near is not None or options.region is None else options.region[:3]
     wanted = _regard(views, plane) if given is None else np.array(given)

@@ -23,6 +23,8 @@ _TENSION, _PULL = 0.01, 1e-4
 _ROUNDS = 20
 _EDGE = 1.5
 """Cells between the lowest place that was seen and what views look through under it, at an edge of the underside."""
+_RUN = 6
+"""Neighbouring columns of a rim that make an edge which views look under."""
 _SIDE = 0.5
 """Normal's z, up to which a point is on a side, or below."""
 
@@ -40,7 +42,8 @@ def underside(solid: Mask, seen: tuple[Array, Array], floor: float, low: Array, 
     lowest = _lowest(covered.shape, *seen, low, cell)
     stands = covered & (ndimage.minimum_filter(lowest, 3) < floor + _FOOT)
     looked_under = low[2] + cell * solid.argmax(axis=2)
-    hovers = covered & ~solid[..., 0] & (lowest < looked_under + _EDGE * cell) & ~stands
+    under = _not_beside(covered & ~solid[..., 0], ndimage.binary_erosion(covered))
+    hovers = under & (lowest < looked_under + _EDGE * cell) & ~stands
     if not hovers.any():
         return np.zeros(covered.shape)
     plate, sag = _plate(covered, np.where(hovers, lowest, 0.0), stands | hovers)
@@ -56,6 +59,20 @@ def underside(solid: Mask, seen: tuple[Array, Array], floor: float, low: Array, 
             else:
                 least = middle
     return np.where(covered, np.maximum(plate - load * sag, 0.0), 0.0)
+
+
+def _not_beside(under: Mask, inner: Mask) -> Mask:
+    """The columns (X, Y) of those that views look under, without single ones of the rim.
+
+    The cells of a rim are partly beside the object. What views see farther inwards, or along an edge, is under it.
+
+    Args:
+        under: (X, Y) columns that views look under.
+        inner: (X, Y) columns that are not on the rim.
+    """
+    edges = ndimage.label(under, np.ones((3, 3)))[0]
+    long = np.bincount(edges.ravel()) >= _RUN
+    return np.asarray(under & (long[edges] | ndimage.binary_dilation(under & inner, np.ones((3, 3)))))
 
 
 def _lowest(shape: tuple[int, ...], points: Array, normals: Array, low: Array, cell: float) -> Array:

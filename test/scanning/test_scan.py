@@ -6,11 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 from scenes import BRICK, EXACT, SMALL, box, brick_views, views_of
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import Frame, ScanOptions, View, scan
+from poise.scanning.fusion import Surface, merged
 from poise.scanning.scan import DEFAULT_SCAN
 from poise.scanning.sweep import Ring
 from poise.shape import HIDDEN_OFF
@@ -154,6 +156,25 @@ def test_a_thin_plate_is_not_taken_for_the_table():
     np.testing.assert_allclose(size[:2], [0.15, 0.03], atol=0.006)
     assert found.points[found.seen][:, 2].mean() == pytest.approx(0.002, abs=4e-4)
     assert segment(found.points, found.colours).solid.volume == pytest.approx(0.15 * 0.03 * 0.002, rel=0.2)
+
+
+def test_a_level_face_in_two_layers_of_voxels_keeps_its_points():
+    """Noise puts the same place into both layers, and their points come to lie on one another."""
+    voxel, rng = 1.5e-3, np.random.default_rng(2)
+    x, y = np.meshgrid(voxel * np.arange(30), voxel * np.arange(20))
+    once = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    points = np.concatenate([once, once + rng.normal(scale=0.05 * voxel, size=once.shape), [[0.5, 0.5, 0.0]]])
+    weights = np.append(np.ones(len(points) - 1), 9.0)
+    left = merged(Surface(points, None, np.zeros_like(points), weights), voxel).points
+    assert len(left) == len(once)
+    assert cKDTree(left).query(once)[0].max() < 0.25 * voxel
+
+
+def test_a_thin_arm_over_the_table_keeps_the_air_below():
+    arm, post = (0.08, 0.03, 0.002), (0.02, 0.05, 0.03)
+    scene = Scene((box(post, (-0.04, 0.0, 0.015), (0.5, 0.5, 0.5)), box(arm, (0.01, 0.0, 0.004), (0.5, 0.5, 0.5))))
+    found = scan(views_of(scene, 32, ring=Ring(low=0.4, high=1.1, sways=2))).segmented().solid
+    assert found.volume == pytest.approx(np.prod(post) + np.prod(arm), rel=0.15)
 
 
 def test_a_gap_under_an_overhang_stays_open():

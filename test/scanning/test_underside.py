@@ -42,3 +42,12 @@ def test_a_plate_on_a_hidden_foot_comes_down_to_it() -> None:
     lowest = np.unravel_index(np.argmin(air), air.shape)
     assert abs(lowest[0] - 19.5) < 4
     assert abs(lowest[1] - 9.5) < 4
+
+
+def test_free_cells_at_the_rim_of_a_plate_on_the_table_are_no_air() -> None:
+    """Its outline crosses cells, whose middles are beside it: views look through them, and not under it."""
+    solid = np.ones((*X.shape, 3), bool)
+    solid[np.arange(0, 40, 9), 0, 0] = solid[np.arange(4, 40, 9), -1, 0] = False
+    walls = np.stack([X[EDGE], Y[EDGE], np.full(EDGE.sum(), 3.5e-3)], axis=1)
+    air = underside(solid, (walls, np.tile([1.0, 0.0, 0.0], (len(walls), 1))), FLOOR, LOW, CELL)
+    np.testing.assert_array_equal(air, 0.0)
