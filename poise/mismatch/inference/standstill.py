@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from poise.mismatch.effects import Effect
+from poise.mismatch.inference.courses import follows_residual
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import Problem
 from poise.mismatch.inference.search import testable
@@ -39,7 +40,7 @@ def standing(track: EffortTrack) -> Mask:
 def beside_stuck_joints(problem: Problem, library: Sequence[Effect] | None) -> Problem:
     """Efforts without readings that the dry friction of joints at rest explains; other signals as they are.
 
-    The friction is that which the moving joints show.
+    The friction is that which the moving joints show, beside effects that act in all joints and at all times.
     """
     track = problem.recorded.effort
     if problem.signal == "wrench" or track is None or track.errors_cancel:
@@ -48,7 +49,7 @@ def beside_stuck_joints(problem: Problem, library: Sequence[Effect] | None) -> P
     if still.mean(axis=0).max() < _LEAST:
         return problem
     moving = problem.of(_with(problem.recorded, track, still))
-    parts = screened(moving, testable(moving, library)[0])
+    parts = screened(moving, [each for each in testable(moving, library)[0] if not follows_residual(each, moving)])
     dry = [np.abs(each.effect.simulate(moving.recorded, each.values)).max(axis=0) for each in parts if each.effect.dry]
     size = np.sum([np.array([each.friction for each in track.stated] or [0.0] * len(track.names)), *dry], axis=0)
     if not size.any():
