@@ -14,7 +14,7 @@ from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 CATCH = 1e-8
 """Stiffness of a weak spring to the ground that supports unsupported bodies, per mean contact stiffness."""
@@ -150,26 +150,30 @@ class ElasticContacts:
     def jacobian(self, relative: Array, bounds: Array | None = None, damping: float = 0.0) -> Stiffness:
         """Derivative of `left`; not symmetric without bounds, because friction follows the normal force.
 
-        Plus this share of the stiffness when nothing opens or slips.
+        Plus this share of the stiffness when nothing opens or slips. Interfaces that are open everywhere, and have no
+        friction, couple nothing: a trace of their stiffness holds each body for itself.
         """
         k, closed = self.stiffness, relative[:, 0] <= 0
+        acts = closed if bounds is None else closed | (bounds > 0)
+        apart = np.bincount(self.interface, acts, len(self._starts)) == 0
+        damped = np.where(apart[self.interface], 0.0, damping)
         slide = np.sqrt(relative[:, 1] ** 2 + relative[:, 2] ** 2)
         limits = self.pressed(relative) if bounds is None else bounds
         slips = k * slide > limits
         safe = np.where(slide > 0, slide, 1.0)
         first, second = relative[:, 1] / safe, relative[:, 2] / safe
         across = np.where(slips, np.where(slips, limits, 0.0) / safe, 0.0)
-        own, sticking = np.empty((6, len(k))), np.where(slips, damping, 1.0 + damping) * k
+        own, sticking = np.empty((6, len(k))), (damped + ~slips) * k
         # Open contacts keep a trace of stiffness, so that a step never leaps without end.
-        own[0] = np.where(closed, 1.0 + damping, 1e-9 + damping) * k
+        own[0] = (damped + np.where(closed, 1.0, 1e-9)) * k
         own[1], own[2] = sticking + across * second**2, sticking + across * first**2
         own[3] = -across * first * second
         follows = self.friction * k * (slips & closed) if bounds is None else np.zeros_like(k)
         own[4], own[5] = -follows * first, -follows * second
-        return self._assembled(own)
+        return self._assembled(own, apart)
 
-    def _assembled(self, own: Array) -> Stiffness:
-        """Stiffness of the bodies, and of the catch.
+    def _assembled(self, own: Array, apart: Mask | None = None) -> Stiffness:
+        """Stiffness of the bodies, and of the catch; interfaces that are `apart` (I,) hold each body for itself.
 
         Args:
             own: (6, P) stiffness of the points along the normal and both tangents, between the tangents, and of both
@@ -184,7 +188,7 @@ class ElasticContacts:
         rows[:, 2] = shear * w[:, 1] + second * w[:, 2] + second_follows * w[:, 0]
         pairs = self._columns @ rows.reshape(len(self._columns), -1, 6)
         bodies = self._stiffness_of_bodies
-        return Stiffness(bodies, bodies.matrix(pairs, self.catch))
+        return Stiffness(bodies, bodies.matrix(pairs, self.catch, apart))
 
 
 class CompiledElasticContacts:
