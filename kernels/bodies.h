@@ -36,23 +36,17 @@ int64_t bodies_room(const struct bodies *bodies, int symmetric);
 struct body_matrix bodies_laid_out(const struct bodies *bodies, int symmetric, double *room, int64_t *whole);
 
 void bodies_clear(const struct bodies *bodies, struct body_matrix *matrix, double on_diagonal);
-/* The stiffness (6, 6) of a pair where it resists the motion of each body. */
-static POISE_INLINE void bodies_add_own(const struct bodies *bodies, struct body_matrix *matrix, int64_t pair,
-                                        const row_of_block *stiffness) {
-  const row_of_block within = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
-  for (int side = 0; side < 2; side++) {
-    const int64_t body = bodies->sides[2 * pair + side];
-    for (int i = 0; body >= 0 && i < SIDE; i++) matrix->diagonal[SIDE * body + i] += stiffness[i] * within;
-  }
-}
 /* The stiffness (6, 6) of a pair: it acts on the difference of the motions of both bodies. */
 static POISE_INLINE void bodies_add(const struct bodies *bodies, struct body_matrix *matrix, int64_t pair,
                                     const row_of_block *stiffness) {
   const row_of_block within = {1.0, 1.0, 1.0, 1.0, 1.0, 1.0};
-  bodies_add_own(bodies, matrix, pair, stiffness);
-  if (bodies->place[pair] < 0) return;
   row_of_block rows[SIDE];
   for (int i = 0; i < SIDE; i++) rows[i] = stiffness[i] * within;
+  for (int side = 0; side < 2; side++) {
+    const int64_t body = bodies->sides[2 * pair + side];
+    for (int i = 0; body >= 0 && i < SIDE; i++) matrix->diagonal[SIDE * body + i] += rows[i];
+  }
+  if (bodies->place[pair] < 0) return;
   row_of_block *below = matrix->lower + SIDE * bodies->place[pair];
   row_of_block *above = matrix->upper + SIDE * bodies->place[pair];
   for (int i = 0; i < SIDE; i++)

@@ -118,12 +118,25 @@ static POISE_INLINE void spring_forces(const struct lanes *lanes, int64_t eight,
   force[2] *= share;
 }
 
+/* Whether a pair presses anywhere, or has friction with bounds: otherwise there is no force. */
+static POISE_INLINE int acts(const struct lanes *lanes, int64_t pair, const row_of_block *relative) {
+  lanes_where any = {0};
+  for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
+    any |= relative[3 * eight] <= (row_of_block){0.0};
+    if (lanes->bounds) any |= lanes->bounds[eight] > (row_of_block){0.0};
+  }
+  int64_t found = 0;
+  for (int l = 0; l < WIDTH; l++) found |= any[l];
+  return found != 0;
+}
+
 /* out (6 n) = what springs and catch leave of a load, negated */
 POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, const double *load,
                                  const row_of_block *relative, double *restrict out) {
   const struct elastic *contacts = lanes->contacts;
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
+    if (!acts(lanes, pair, relative)) continue;
     row_of_block parts[3] = {{0.0}}, found[3];
     double wrench[WIDTH];
     int64_t p = contacts->springs[pair];
@@ -190,20 +203,20 @@ static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eig
   own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * second, none);
 }
 
-/* The stiffness of `bodies`, which are those of the contacts in any order. Pairs that are not `coupled`, where that is
-   given, are apart: their trace of stiffness holds each body for itself, and is not damped. */
+/* The stiffness of `bodies`, which are those of the contacts in any order; only of pairs that are `coupled`, where that
+   is given. */
 POISE_WIDE static void assemble(const struct lanes *lanes, const struct bodies *bodies, const row_of_block *relative,
                                 double damping, const char *coupled, struct body_matrix *matrix) {
   const struct elastic *contacts = lanes->contacts;
   bodies_clear(bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
+    if (coupled && !coupled[pair]) continue;
     row_of_block total[SIDE] = {{0.0}};
-    const int apart = coupled && !coupled[pair];
     int64_t p = contacts->springs[pair];
     for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
       row_of_block found[DERIVATIVES];
       double own[DERIVATIVES][WIDTH];
-      spring_stiffness(lanes, eight, relative ? relative + 3 * eight : NULL, apart ? 0.0 : damping, found);
+      spring_stiffness(lanes, eight, relative ? relative + 3 * eight : NULL, damping, found);
       memcpy(own, found, sizeof own);
       for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++) {
         const double *wrench = wrenches_of(lanes, p);
@@ -216,10 +229,7 @@ POISE_WIDE static void assemble(const struct lanes *lanes, const struct bodies *
           total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
       }
     }
-    if (apart)
-      bodies_add_own(bodies, matrix, pair, total);
-    else
-      bodies_add(bodies, matrix, pair, total);
+    bodies_add(bodies, matrix, pair, total);
   }
 }
 
@@ -265,26 +275,12 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   return POISE_OK;
 }
 
-/* Which pairs press anywhere, or have friction with bounds. */
-POISE_WIDE static void find_coupled(const struct lanes *lanes, const row_of_block *relative, char *coupled) {
-  for (int64_t pair = 0; pair < lanes->contacts->bodies.pairs; pair++) {
-    lanes_where pressed = {0};
-    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      pressed |= relative[3 * eight] <= (row_of_block){0.0};
-      if (lanes->bounds) pressed |= lanes->bounds[eight] > (row_of_block){0.0};
-    }
-    int64_t any = 0;
-    for (int l = 0; l < WIDTH; l++) any |= pressed[l];
-    coupled[pair] = any != 0;
-  }
-}
-
 /* Factor the stiffness at a place; without `relative`, where nothing opens or slips. */
 static int factor_at(struct steps *made, const row_of_block *relative, double damping) {
   const struct bodies *bodies = &made->lanes.contacts->bodies;
   const char *coupled = relative ? made->coupled : NULL;
   if (relative) {
-    find_coupled(&made->lanes, relative, made->coupled);
+    for (int64_t pair = 0; pair < bodies->pairs; pair++) made->coupled[pair] = (char)acts(&made->lanes, pair, relative);
     const size_t size = (size_t)bodies->pairs;
     if (!made->order || memcmp(made->coupled, made->before, size)) {
       made->order = fill_order(bodies, made->coupled, &made->fill) ? &made->fill.bodies : bodies;

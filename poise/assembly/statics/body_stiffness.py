@@ -8,7 +8,7 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from poise.types import Array, Indices, Mask
+from poise.types import Array, Indices
 
 _DENSE = 120
 """Systems up to this size are solved dense."""
@@ -52,7 +52,6 @@ class BodyStiffness:
         # The last entry of the data is the catch.
         self._source = np.concatenate([*source, np.full(self._size, 36 * len(sides))])
         self._signs = np.concatenate([*signs, np.ones(self._size)])
-        self._between = self._signs < 0
         if self.kind == "band":
             self._where = column * (3 * self._band + 1) + 2 * self._band + row - column
             self._entries = self._size * (3 * self._band + 1)
@@ -64,14 +63,9 @@ class BodyStiffness:
             starts = np.searchsorted(at // self._size, np.arange(self._size + 1))
             self._pattern = (at % self._size).astype(np.int32), starts.astype(np.int32)
 
-    def matrix(self, pairs: Array, catch: float, apart: Mask | None = None) -> Array:
-        """The entries of the stiffness, as `solve` takes them, of that of the pairs (I, 6, 6) and a catch.
-
-        The stiffness of pairs that are `apart` (I,) holds each body for itself.
-        """
+    def matrix(self, pairs: Array, catch: float) -> Array:
+        """The entries of the stiffness, as `solve` takes them, of that of the pairs (I, 6, 6) and a catch."""
         values = np.append(pairs.ravel(), catch)[self._source] * self._signs
-        if apart is not None:
-            values[self._between & np.append(np.repeat(apart, 36), False)[self._source]] = 0.0
         return np.asarray(np.bincount(self._where, values, self._entries), dtype=np.float64)
 
     def solve(self, matrix: Array, right: Array) -> Array:

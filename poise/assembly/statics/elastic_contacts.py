@@ -14,7 +14,7 @@ from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
-from poise.types import Array, Indices, Mask
+from poise.types import Array, Indices
 
 CATCH = 1e-8
 """Stiffness of a weak spring to the ground that supports unsupported bodies, per mean contact stiffness."""
@@ -150,30 +150,29 @@ class ElasticContacts:
     def jacobian(self, relative: Array, bounds: Array | None = None, damping: float = 0.0) -> Stiffness:
         """Derivative of `left`; not symmetric without bounds, because friction follows the normal force.
 
-        Plus this share of the stiffness when nothing opens or slips. Interfaces that are open everywhere, and have no
-        friction, couple nothing: a trace of their stiffness holds each body for itself.
+        Plus this share of the stiffness when nothing opens or slips. Interfaces that have no forces are left out: the
+        catch holds what nothing else holds.
         """
         k, closed = self.stiffness, relative[:, 0] <= 0
         acts = closed if bounds is None else closed | (bounds > 0)
-        apart = np.bincount(self.interface, acts, len(self._starts)) == 0
-        damped = np.where(apart[self.interface], 0.0, damping)
+        couples = np.bincount(self.interface, acts, len(self._starts)) > 0
         slide = np.sqrt(relative[:, 1] ** 2 + relative[:, 2] ** 2)
         limits = self.pressed(relative) if bounds is None else bounds
         slips = k * slide > limits
         safe = np.where(slide > 0, slide, 1.0)
         first, second = relative[:, 1] / safe, relative[:, 2] / safe
         across = np.where(slips, np.where(slips, limits, 0.0) / safe, 0.0)
-        own, sticking = np.empty((6, len(k))), (damped + ~slips) * k
+        own, sticking = np.empty((6, len(k))), np.where(slips, damping, 1.0 + damping) * k
         # Open contacts keep a trace of stiffness, so that a step never leaps without end.
-        own[0] = (damped + np.where(closed, 1.0, 1e-9)) * k
+        own[0] = np.where(closed, 1.0 + damping, 1e-9 + damping) * k
         own[1], own[2] = sticking + across * second**2, sticking + across * first**2
         own[3] = -across * first * second
         follows = self.friction * k * (slips & closed) if bounds is None else np.zeros_like(k)
         own[4], own[5] = -follows * first, -follows * second
-        return self._assembled(own, apart)
+        return self._assembled(own * couples[self.interface])
 
-    def _assembled(self, own: Array, apart: Mask | None = None) -> Stiffness:
-        """Stiffness of the bodies, and of the catch; interfaces that are `apart` (I,) hold each body for itself.
+    def _assembled(self, own: Array) -> Stiffness:
+        """Stiffness of the bodies, and of the catch.
 
         Args:
             own: (6, P) stiffness of the points along the normal and both tangents, between the tangents, and of both
@@ -188,7 +187,7 @@ class ElasticContacts:
         rows[:, 2] = shear * w[:, 1] + second * w[:, 2] + second_follows * w[:, 0]
         pairs = self._columns @ rows.reshape(len(self._columns), -1, 6)
         bodies = self._stiffness_of_bodies
-        return Stiffness(bodies, bodies.matrix(pairs, self.catch, apart))
+        return Stiffness(bodies, bodies.matrix(pairs, self.catch))
 
 
 class CompiledElasticContacts:
