@@ -204,7 +204,7 @@ static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eig
 }
 
 /* The stiffness of `bodies`, which are those of the contacts in any order; only of pairs that are `coupled`, where that
-   is given. */
+   is given. Without forces, pairs with the ground keep a trace of stiffness, and pairs of bodies have none. */
 POISE_WIDE static void assemble(const struct lanes *lanes, const struct bodies *bodies, const row_of_block *relative,
                                 double damping, const char *coupled, struct body_matrix *matrix) {
   const struct elastic *contacts = lanes->contacts;
@@ -242,7 +242,7 @@ struct steps {
   int64_t *whole;
   struct fill fill;
   const struct bodies *order; /* in which the matrix is: that of the contacts, or of the fill */
-  char *coupled, *before;     /* (pairs) that press anywhere, now and for the fill */
+  char *coupled, *before;     /* (pairs) whose stiffness counts, now and for the fill */
 };
 
 static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
@@ -280,7 +280,8 @@ static int factor_at(struct steps *made, const row_of_block *relative, double da
   const struct bodies *bodies = &made->lanes.contacts->bodies;
   const char *coupled = relative ? made->coupled : NULL;
   if (relative) {
-    for (int64_t pair = 0; pair < bodies->pairs; pair++) made->coupled[pair] = (char)acts(&made->lanes, pair, relative);
+    for (int64_t pair = 0; pair < bodies->pairs; pair++)
+      made->coupled[pair] = bodies->place[pair] < 0 || acts(&made->lanes, pair, relative);
     const size_t size = (size_t)bodies->pairs;
     if (!made->order || memcmp(made->coupled, made->before, size)) {
       made->order = fill_order(bodies, made->coupled, &made->fill) ? &made->fill.bodies : bodies;
