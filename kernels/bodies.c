@@ -23,7 +23,10 @@ struct body_matrix bodies_laid_out(const struct bodies *bodies, int symmetric, d
 }
 
 void bodies_clear(const struct bodies *bodies, struct body_matrix *matrix, double on_diagonal) {
-  memset(matrix->diagonal, 0, sizeof(row_of_block) * (size_t)(matrix->right - matrix->diagonal));
+  const size_t block = SIDE * sizeof(row_of_block);
+  memset(matrix->diagonal, 0, block * (size_t)bodies->count);
+  memset(matrix->lower, 0, block * (size_t)bodies->below);
+  if (matrix->upper) memset(matrix->upper, 0, block * (size_t)bodies->below);
   for (int64_t body = 0; body < bodies->count; body++)
     for (int i = 0; i < SIDE; i++) matrix->diagonal[SIDE * body + i][i] = on_diagonal;
 }

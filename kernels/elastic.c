@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "bodies.h"
+#include "fill.h"
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
                     NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5;
@@ -117,12 +118,25 @@ static POISE_INLINE void spring_forces(const struct lanes *lanes, int64_t eight,
   force[2] *= share;
 }
 
+/* Whether a pair presses anywhere, or has friction with bounds: otherwise there is no force. */
+static POISE_INLINE int acts(const struct lanes *lanes, int64_t pair, const row_of_block *relative) {
+  lanes_where any = {0};
+  for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
+    any |= relative[3 * eight] <= (row_of_block){0.0};
+    if (lanes->bounds) any |= lanes->bounds[eight] > (row_of_block){0.0};
+  }
+  int64_t found = 0;
+  for (int l = 0; l < WIDTH; l++) found |= any[l];
+  return found != 0;
+}
+
 /* out (6 n) = what springs and catch leave of a load, negated */
 POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, const double *load,
                                  const row_of_block *relative, double *restrict out) {
   const struct elastic *contacts = lanes->contacts;
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
+    if (!acts(lanes, pair, relative)) continue;
     row_of_block parts[3] = {{0.0}}, found[3];
     double wrench[WIDTH];
     int64_t p = contacts->springs[pair];
@@ -189,11 +203,14 @@ static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eig
   own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * second, none);
 }
 
-POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *relative, double damping,
-                                struct body_matrix *matrix) {
+/* The stiffness of `bodies`, which are those of the contacts in any order; only of pairs that are `coupled`, where that
+   is given. Without forces, pairs with the ground keep a trace of stiffness, and pairs of bodies have none. */
+POISE_WIDE static void assemble(const struct lanes *lanes, const struct bodies *bodies, const row_of_block *relative,
+                                double damping, const char *coupled, struct body_matrix *matrix) {
   const struct elastic *contacts = lanes->contacts;
-  bodies_clear(&contacts->bodies, matrix, contacts->catch);
+  bodies_clear(bodies, matrix, contacts->catch);
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
+    if (coupled && !coupled[pair]) continue;
     row_of_block total[SIDE] = {{0.0}};
     int64_t p = contacts->springs[pair];
     for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
@@ -212,7 +229,7 @@ POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *r
           total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
       }
     }
-    bodies_add(&contacts->bodies, matrix, pair, total);
+    bodies_add(bodies, matrix, pair, total);
   }
 }
 
@@ -220,16 +237,20 @@ POISE_WIDE static void assemble(const struct lanes *lanes, const row_of_block *r
 struct steps {
   struct body_matrix matrix;
   struct lanes lanes;
-  double *rest, *step, *along, *there_u, *room;
+  double *rest, *step, *along, *there_u, *turned, *room;
   row_of_block *relative, *moved, *there;
   int64_t *whole;
+  struct fill fill;
+  const struct bodies *order; /* in which the matrix is: that of the contacts, or of the fill */
+  char *coupled, *before;     /* (pairs) whose stiffness counts, now and for the fill */
 };
 
 static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
   const int64_t size = SIDE * contacts->bodies.count, eights = lanes_of(contacts);
   const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (3 * SIDE + 3 + 9);
-  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 4 * size + WIDTH));
-  made->whole = malloc(sizeof(int64_t) * (size_t)(7 * contacts->bodies.count + contacts->bodies.pairs + 1));
+  const int64_t whole = 7 * contacts->bodies.count + contacts->bodies.pairs + 1, pairs = contacts->bodies.pairs;
+  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 6 * size + WIDTH));
+  made->whole = malloc(sizeof(int64_t) * (size_t)(whole + fill_room(&contacts->bodies)) + 2 * (size_t)pairs);
   if (!made->room || !made->whole) return POISE_NO_MEMORY;
   made->matrix = bodies_laid_out(&contacts->bodies, 0, made->room, made->whole);
   made->lanes = (struct lanes){.contacts = contacts, .count = eights};
@@ -245,8 +266,48 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   made->step = made->rest + size;
   made->along = made->step + size;
   made->there_u = made->along + size;
+  made->turned = made->there_u + size;
+  made->fill = fill_laid_out(&contacts->bodies, made->whole + whole);
+  made->coupled = (char *)(made->whole + whole + fill_room(&contacts->bodies));
+  made->before = made->coupled + pairs;
+  made->order = NULL;
   fill_lanes(&made->lanes, bounds);
   return POISE_OK;
+}
+
+/* Factor the stiffness at a place; without `relative`, where nothing opens or slips. */
+static int factor_at(struct steps *made, const row_of_block *relative, double damping) {
+  const struct bodies *bodies = &made->lanes.contacts->bodies;
+  const char *coupled = relative ? made->coupled : NULL;
+  if (relative) {
+    for (int64_t pair = 0; pair < bodies->pairs; pair++)
+      made->coupled[pair] = bodies->place[pair] < 0 || acts(&made->lanes, pair, relative);
+    const size_t size = (size_t)bodies->pairs;
+    if (!made->order || memcmp(made->coupled, made->before, size)) {
+      made->order = fill_order(bodies, made->coupled, &made->fill) ? &made->fill.bodies : bodies;
+      memcpy(made->before, made->coupled, size);
+    }
+  } else
+    made->order = bodies;
+  assemble(&made->lanes, made->order, relative, damping, coupled, &made->matrix);
+  return bodies_factor(made->order, &made->matrix);
+}
+
+/* right (6 n), and another where there is one, become the solutions. */
+static void solve_with(struct steps *made, double *right, double *other) {
+  const int64_t count = made->lanes.contacts->bodies.count, *position = made->fill.position;
+  if (made->order != &made->fill.bodies) {
+    bodies_solve(made->order, &made->matrix, right, other);
+    return;
+  }
+  double *given[2] = {right, other}, *turned[2] = {made->turned, other ? made->turned + SIDE * count : NULL};
+  for (int m = 0; m < (other ? 2 : 1); m++)
+    for (int64_t body = 0; body < count; body++)
+      memcpy(turned[m] + SIDE * position[body], given[m] + SIDE * body, SIDE * sizeof(double));
+  bodies_solve(made->order, &made->matrix, turned[0], turned[1]);
+  for (int m = 0; m < (other ? 2 : 1); m++)
+    for (int64_t body = 0; body < count; body++)
+      memcpy(given[m] + SIDE * body, turned[m] + SIDE * position[body], SIDE * sizeof(double));
 }
 
 static void place_at(const struct steps *made, const double *u) {
@@ -327,15 +388,14 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
       if (stale == PATIENCE) break;
       earlier = fmin(earlier, *value);
     }
-    assemble(lanes, made->relative, damping, &made->matrix);
-    if (bodies_factor(bodies, &made->matrix)) {
+    if (factor_at(made, made->relative, damping)) {
       damping = fmax(10.0 * damping, LITTLE);
       if (damping > MOST_DAMPING || brief) break;
       continue;
     }
     for (int64_t i = 0; i < size; i++) made->step[i] = -made->rest[i];
     if (aim->push) memcpy(made->along, aim->push, sizeof(double) * (size_t)size);
-    bodies_solve(bodies, &made->matrix, made->step, aim->push ? made->along : NULL);
+    solve_with(made, made->step, aim->push ? made->along : NULL);
     if (aim->push) {
       aim->compliance = dot(aim->push, made->along, size);
       const double share = dot(aim->push, made->step, size) / aim->compliance;
@@ -399,10 +459,9 @@ POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, cons
   int status = make_room(contacts, NULL, &made);
   if (!status) {
     if (at) place_at(&made, at);
-    assemble(&made.lanes, at ? made.relative : NULL, 0.0, &made.matrix);
-    status = bodies_factor(&contacts->bodies, &made.matrix);
+    status = factor_at(&made, at ? made.relative : NULL, 0.0);
     memcpy(u, push, sizeof(double) * (size_t)(SIDE * contacts->bodies.count));
-    if (!status) bodies_solve(&contacts->bodies, &made.matrix, u, NULL);
+    if (!status) solve_with(&made, u, NULL);
   }
   free(made.room);
   free(made.whole);

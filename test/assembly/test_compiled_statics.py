@@ -139,6 +139,32 @@ def test_an_order_of_elimination_solves_what_a_dense_solver_solves() -> None:
     np.testing.assert_allclose(found, np.linalg.solve(whole, push), rtol=1e-9)
 
 
+def test_pairs_that_are_open_couple_nothing() -> None:
+    """Bodies of a grid at random displacements: an order for the pairs that press solves what a dense solver solves."""
+    rng = np.random.default_rng(8)
+    grid = np.arange(70).reshape(10, 7)
+    pairs = [(grid[:, :-1], grid[:, 1:]), (grid[:-1], grid[1:]), (np.full(7, -1), grid[0])]
+    sides = np.concatenate([np.stack([first.ravel(), second.ravel()], axis=1) for first, second in pairs])
+    order = Elimination.of(sides, 70)
+    springs, wrenches = np.arange(len(sides) + 1), rng.normal(size=(len(sides), 3, 6))
+    stiffness, friction = rng.uniform(1.0, 2.0, len(sides)), np.full(len(sides), 1e9)
+    kernel = CompiledElastic(order.compiled, springs, wrenches, stiffness, friction, catch=0.1, slack=0.0)
+    at, whole, pressed = rng.normal(size=420), 0.1 * np.eye(420), 0
+    for (first, second), wrench, k in zip(sides, wrenches, stiffness, strict=True):
+        row = np.zeros((3, 420))
+        for body, sign in ((first, -1), (second, 1)):
+            if body >= 0:
+                row[:, 6 * body : 6 * body + 6] = sign * wrench
+        if row[0] @ at <= 0:
+            whole, pressed = whole + k * row.T @ row, pressed + 1
+        elif first < 0:
+            whole += 1e-9 * k * np.outer(row[0], row[0])
+    assert 0.4 * len(sides) < pressed < 0.6 * len(sides)
+    push, found = rng.normal(size=420), np.empty(420)
+    found[order.entries] = kernel.response(at[order.entries], push[order.entries])
+    np.testing.assert_allclose(found, np.linalg.solve(whole, push), rtol=0, atol=1e-6 * np.abs(found).max())
+
+
 def test_arrays_of_other_shapes_are_refused() -> None:
     bodies: CompiledBodies = Elimination.of(np.array([[-1, 0]]), 1).compiled
     with pytest.raises(InputError):

@@ -13,6 +13,7 @@ import numpy as np
 from poise.assembly.robustness.block_answers import patch_factor
 from poise.assembly.robustness.plane_curve import Chord, PlaneCurve
 from poise.assembly.statics import BlockAnalysis, Deadline, ElasticFactor, InverseLoadFactor, Mechanism
+from poise.geometry import cross
 from poise.types import Array, Indices, Mask
 
 _NEARLY, _CLOSE = 0.02, 0.01
@@ -204,14 +205,14 @@ class ElasticLimits:
 
 def inertial_loads(block: BlockAnalysis) -> Array:
     """(6 n, 3) loads on a block, in its units, per m/s2 of acceleration of the base along x, y and z."""
-    objects = block.structure.assembly.objects
-    loads = np.zeros((3, len(block.block.members), 6))
-    for body, members in enumerate(block.block.members):
-        for place in members:
-            force = -objects[place].mass * np.eye(3)
-            moment = np.cross(objects[place].com_in_world, force)
-            loads[:, body] += block.geometry.units.of_wrench(np.concatenate([force, moment], axis=1))
-    return loads.reshape(3, -1).T
+    objects, members = block.structure.assembly.objects, block.block.members
+    places = [place for group in members for place in group]
+    forces = np.array([objects[place].mass for place in places])[:, None, None] * -np.eye(3)
+    com = np.array([objects[place].com_in_world for place in places])
+    wrenches = np.concatenate([forces, cross(com[:, None], forces)], axis=2)
+    loads = np.zeros((len(members), 3, 6))
+    np.add.at(loads, np.repeat(np.arange(len(members)), [len(group) for group in members]), wrenches)
+    return np.asarray(block.geometry.units.of_wrench(loads).transpose(1, 0, 2).reshape(3, -1).T)
 
 
 def _far_apart(azimuths: Sequence[float]) -> Iterator[int]:

@@ -150,9 +150,12 @@ class ElasticContacts:
     def jacobian(self, relative: Array, bounds: Array | None = None, damping: float = 0.0) -> Stiffness:
         """Derivative of `left`; not symmetric without bounds, because friction follows the normal force.
 
-        Plus this share of the stiffness when nothing opens or slips.
+        Plus this share of the stiffness when nothing opens or slips. Interfaces between bodies that have no forces
+        are left out: the catch holds what nothing else holds.
         """
         k, closed = self.stiffness, relative[:, 0] <= 0
+        acts = closed if bounds is None else closed | (bounds > 0)
+        couples = (np.bincount(self.interface, acts, len(self._starts)) > 0) | np.any(self.sides == self.count, axis=1)
         slide = np.sqrt(relative[:, 1] ** 2 + relative[:, 2] ** 2)
         limits = self.pressed(relative) if bounds is None else bounds
         slips = k * slide > limits
@@ -166,7 +169,7 @@ class ElasticContacts:
         own[3] = -across * first * second
         follows = self.friction * k * (slips & closed) if bounds is None else np.zeros_like(k)
         own[4], own[5] = -follows * first, -follows * second
-        return self._assembled(own)
+        return self._assembled(own * couples[self.interface])
 
     def _assembled(self, own: Array) -> Stiffness:
         """Stiffness of the bodies, and of the catch.

@@ -80,10 +80,14 @@ class FrictionSurface:
         """(_TABLE, _TABLE) normal force needed for unit vectors (f, moment / radius), by azimuth and by elevation."""
         azimuth = np.linspace(0, 2 * np.pi, _TABLE)[:, None]
         lift = np.linspace(0, np.pi / 2, _TABLE)
-        flat = np.concatenate([np.cos(azimuth), np.sin(azimuth)], axis=1) @ self._motions[:, :2].T
-        turning = self._motions[:, 2]
-        columns = [(np.cos(angle) * flat + np.sin(angle) * turning).max(axis=1) for angle in lift]
-        return np.stack(columns, axis=1)
+        motions = self._motions[: len(self._motions) // 2]  # the others are their opposites
+        flat = np.concatenate([np.cos(azimuth), np.sin(azimuth)], axis=1) @ motions[:, :2].T
+        table, sums = np.empty((_TABLE, _TABLE)), np.empty_like(flat)
+        for column, angle in enumerate(lift.tolist()):
+            np.multiply(flat, math.cos(angle), out=sums)
+            sums += math.sin(angle) * motions[:, 2]
+            table[:, column] = np.maximum(sums.max(axis=1), -sums.min(axis=1))
+        return table
 
     def _known(self, column: Indices, row: Indices) -> Array:
         """`_table`, of which a few questions fill in only the corners of the cells (...) that they are in."""
