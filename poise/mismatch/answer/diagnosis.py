@@ -100,10 +100,10 @@ class SignalDiagnosis:
     def nrmse(self) -> Array:
         """(2, C) error of the nominal model as given and of the best fit, relative to the measured signal."""
         problem, rows = self.problem, self.problem.active
-        given = problem.measured - problem.predicted(problem.recorded)
+        predicted = problem.predicted(problem.recorded)
+        left = problem.left_by(predicted + self.best.response + self.best.calibrated)
         signal, *errors = (
-            np.sqrt(np.mean(part[rows] ** 2, axis=0))
-            for part in (problem.measured, given, residual_of(problem, self.best))
+            np.sqrt(np.mean(part[rows] ** 2, axis=0)) for part in (problem.measured, problem.measured - predicted, left)
         )
         return relative_error(np.array(errors), signal)
 

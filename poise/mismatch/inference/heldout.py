@@ -21,14 +21,14 @@ _TAIL = 0.3
 
 @dataclass(frozen=True, eq=False)
 class HeldOutProof:
-    """Errors on held-out samples in units of the noise (root mean square; 1 is noise).
+    """Errors on held-out samples in units of the noise (root mean square; 1 is noise), without those of stuck joints.
 
     Args:
         floor: of the augmented model on the samples that it was fitted to.
         nominal, augmented: on the others; both with calibration errors fitted elsewhere, within their tolerances.
         as_given: of the nominal model without calibration.
         in_range: of the nominal model, where a reading at the end of the sensor's range is no error.
-        by_channel: (3, C) nominal, augmented and as given, in the signal's units.
+        by_channel: (3, C) nominal, augmented and as given, in the signal's units, of all samples.
         signal: (C,) root mean square of the measured signal on the same samples.
     """
 
@@ -91,24 +91,22 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     nominal = gone + plain.response + plain.calibrated
     errors = [
         problem.measured - nominal,
-        problem.unexplained(known + full.response + full.calibrated),
+        problem.left_by(known + full.response + full.calibrated),
         problem.measured - problem.predicted(problem.recorded),
-        problem.unexplained(nominal),
+        problem.left_by(nominal),
     ]
     settled = problem.active & problem.settled(best.parts)
     rows = last & settled
     spread = problem.noise.total
-    # Stuck joints are no part of the comparison.
-    weight = problem.free if problem.signal == "effort" else np.ones_like(spread)
+    weight = problem.weight
 
     def size(error: Array, at: Mask) -> float:
         return float(np.sqrt(np.sum(weight[at] * (error[at] / spread[at]) ** 2) / max(weight[at].sum(), 1.0)))
 
     sizes = [size(error, rows) for error in errors]
     floor = size(errors[1], ~last & settled)
-    share = weight[rows] / np.maximum(weight[rows].sum(axis=0), 1.0)
-    by_channel = np.array([np.sqrt(np.sum(share * error[rows] ** 2, axis=0)) for error in errors[:3]])
-    signal = np.sqrt(np.sum(share * problem.measured[rows] ** 2, axis=0))
+    by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors[:3]])
+    signal = np.sqrt(np.mean(problem.measured[rows] ** 2, axis=0))
     plain_size, full_size, given, in_range = sizes
     return HeldOutProof(floor, plain_size, full_size, given, in_range, by_channel, signal)
 

@@ -260,6 +260,15 @@ class Problem:
             return left
         return np.where(self.limited & ((left * self.measured < 0.0) | (self.signal == "effort")), 0.0, left)
 
+    def left_by(self, prediction: Array) -> Array:
+        """(N, C) as `unexplained`, but with what the friction of stuck joints carries: an error of a prediction."""
+        return self.measured - prediction if self.signal == "effort" else self.unexplained(prediction)
+
+    @property
+    def weight(self) -> Array:
+        """(N, C) of a reading in the comparison of errors: 0 of stuck joints."""
+        return self.free if self.signal == "effort" else np.ones(self.measured.shape)
+
     def weighed(self) -> "Problem":
         """The signal as its parameters are estimated: joint efforts by plain least squares in time.
 
