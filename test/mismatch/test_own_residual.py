@@ -68,6 +68,9 @@ def test_a_filter_and_an_early_clock_that_cancel_are_no_explanation():
     problem = wrench_problem(recorded, NominalModel(phi=recorded.phi))
     assert cancelling(problem, parts) == ["clock_offset would cancel it", "low_pass would cancel it"]
     assert cancelling(problem, [parts[0], FittedEffect(late, {"offset": 0.025})]) == ["", ""]
+    # Their delays cancel, however much they smooth together.
+    parts = [FittedEffect(slow, {"time_constant": 0.4}), FittedEffect(late, {"offset": -0.38})]
+    assert all(cancelling(problem, parts))
 
 
 def _pressed(recorded: RecordedMotion, direction: float) -> dict[str, float]:

@@ -56,7 +56,8 @@ _MOST_ELSEWHERE = 0.5
 _ACTS = 0.01
 """Share of its largest energy in a sample from which an event acts there."""
 _CANCELS = 0.3
-"""Energy of the response of two effects, relative to the smaller one's own, below which they cancel."""
+"""Energy of the response of two effects, relative to the smaller one's own, below which they cancel; and so of two
+delays."""
 _SPIKE, _CHANCE = 5.0, 4.0
 """Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
@@ -239,9 +240,18 @@ def cancelling(problem: Problem, parts: Sequence[FittedEffect]) -> list[str]:
     alone = [energy([part]) for part in parts]
     found = [""] * len(parts)
     for i, j in itertools.combinations(range(len(parts)), 2):
-        if energy([parts[i], parts[j]]) < _CANCELS * min(alone[i], alone[j]):
+        cancel = energy([parts[i], parts[j]]) < _CANCELS * min(alone[i], alone[j])
+        if cancel or _no_delay(parts[i], parts[j]):
             found[i], found[j] = (f"{parts[k].effect.name} would cancel it" for k in (j, i))
     return found
+
+
+def _no_delay(one: FittedEffect, other: FittedEffect) -> bool:
+    """Whether two delays leave hardly any: the smoothing that stays may be that of the measured motion."""
+    if not (one.effect.delay and other.effect.delay):
+        return False
+    delays = [each.values[each.effect.delay] for each in (one, other)]
+    return abs(sum(delays)) < _CANCELS * min(map(abs, delays))
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
