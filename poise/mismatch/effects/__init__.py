@@ -12,7 +12,13 @@ from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.external_vibration import ExternalVibration
-from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION, joint_unit, laws_of_dry_friction, numbered_joints
+from poise.mismatch.effects.joint_friction import (
+    COULOMB_TRANSITION,
+    in_model,
+    joint_unit,
+    laws_of_dry_friction,
+    numbered_joints,
+)
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.saturation import exceeded, limited_readings
@@ -36,6 +42,7 @@ __all__ = [
     "all_effects",
     "effect_named",
     "exceeded",
+    "in_model",
     "joint_columns",
     "joint_unit",
     "laws_of_dry_friction",

@@ -5,13 +5,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
     RAMP_DEFAULTS,
+    TwoLawFriction,
     each_joint,
     in_model,
-    inert_in_reversal,
     lacking,
     listed,
     numbers,
@@ -25,7 +25,7 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
-class CoulombFriction(Effect):
+class CoulombFriction(TwoLawFriction):
     """tau_j = c_j s_j + b_j |s_j|, s = tanh(v / width): b is the difference between the two directions."""
 
     name = "coulomb_friction"
@@ -44,7 +44,6 @@ class CoulombFriction(Effect):
         "backlash",
     )
     needs = ("effort",)
-    dry = True
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0, **RAMP_DEFAULTS}
 
@@ -65,10 +64,6 @@ class CoulombFriction(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         yield from reversals_by_law(recorded, residual)
 
-    def general_at(self, start: Values) -> bool:
-        """Real drives follow no engine's law, whose ramps can imitate other effects."""
-        return bool(start["law"])
-
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         against = reversal(recorded, nonlinear)
         return np.concatenate([each_joint(against), each_joint(np.abs(against))], axis=2)
@@ -77,9 +72,6 @@ class CoulombFriction(Effect):
         against = reversal(recorded, values)
         torque, asymmetry = (of_joints(recorded, values, name) for name in ("torque", "asymmetry"))
         return np.asarray(against * torque + np.abs(against) * asymmetry)
-
-    def inert(self, values: Values) -> tuple[str, ...]:
-        return inert_in_reversal(values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Friction acts against the motion in either direction."""

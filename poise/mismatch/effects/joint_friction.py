@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from poise.mismatch.effects.base import EffectParameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
@@ -70,9 +70,17 @@ def reversals_by_law(recorded: RecordedMotion, residual: Array) -> Iterable[Valu
     yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
 
 
-def inert_in_reversal(values: Values) -> tuple[str, ...]:
-    """The parameters of the law that does not act."""
-    return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
+class TwoLawFriction(Effect):
+    """Dry friction with the parameters of `reversal`: it reverses by either law."""
+
+    dry = True
+
+    def general_at(self, start: Values) -> bool:
+        """Real drives follow no engine's law, whose ramps can imitate other effects."""
+        return bool(start["law"])
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
 
 
 def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:

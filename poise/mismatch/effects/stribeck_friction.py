@@ -5,14 +5,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
     RAMP_DEFAULTS,
+    TwoLawFriction,
     each_joint,
     efforts,
     in_model,
-    inert_in_reversal,
     listed,
     numbers,
     of_joints,
@@ -29,7 +29,7 @@ _SLOW = 0.5
 """Share of the largest speed below which stiction acts."""
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(TwoLawFriction):
     """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) s(v_j) + d_j v_j; one v_s for all joints.
 
     s = tanh(v_j / width), or reverses as a soft constraint, see `soft_sense`.
@@ -44,7 +44,6 @@ class StribeckFriction(Effect):
     separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
-    dry = True
     defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, **RAMP_DEFAULTS}
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction", "damping": "damping"}
     made_of = ("coulomb_friction", "viscous_friction")
@@ -72,13 +71,6 @@ class StribeckFriction(Effect):
         for velocity in (0.05, 0.15):
             yield {"velocity": velocity, **sharp}
             yield {"velocity": velocity, **soft}
-
-    def general_at(self, start: Values) -> bool:
-        """Real drives follow no engine's law, whose ramps can imitate other effects."""
-        return bool(start["law"])
-
-    def inert(self, values: Values) -> tuple[str, ...]:
-        return inert_in_reversal(values)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         velocity, against = efforts(recorded).velocity, reversal(recorded, nonlinear)

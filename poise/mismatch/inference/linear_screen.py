@@ -261,7 +261,8 @@ def _replaced(problem: Problem, sums: BlockSums, chosen: list[int], combined: Ef
     best = min(proven, key=lambda i: _score(sums, i, tried[i], variance, general))
     # Effects that imitated what the combination adds go: beside it they are redundant, or their values are impossible.
     kept = _pruned(sums, [*rest, best])
-    made = [i for i in kept if i == best or i not in _impossible(problem, sums, kept)]
+    impossible = _impossible(problem, sums, kept)
+    made = [i for i in kept if i == best or i not in impossible]
     if best not in made or _impossible(problem, sums, made):
         return chosen
     return made if _proven(sums, before, block_errors(sums, made, variance), variance, detail) else chosen

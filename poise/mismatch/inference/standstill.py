@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from poise.mismatch.effects import Effect
+from poise.mismatch.effects import Effect, in_model
 from poise.mismatch.inference.courses import follows_residual
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import Problem
@@ -51,7 +51,7 @@ def beside_stuck_joints(problem: Problem, library: Sequence[Effect] | None) -> P
     moving = problem.of(_with(problem.recorded, track, still))
     parts = screened(moving, [each for each in testable(moving, library)[0] if not follows_residual(each, moving)])
     dry = [np.abs(each.effect.simulate(moving.recorded, each.values)).max(axis=0) for each in parts if each.effect.dry]
-    size = np.sum([np.array([each.friction for each in track.stated] or [0.0] * len(track.names)), *dry], axis=0)
+    size = np.sum([in_model(moving.recorded, "friction"), *dry], axis=0)
     if not size.any():
         return problem
     left = moving.measured - moving.predicted(moving.compose(parts)[1])
