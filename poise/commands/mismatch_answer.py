@@ -50,6 +50,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
             "nrmse": _nrmse(found),
+            "at_rest": found.at_rest,
         },
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "complete": found.complete,
@@ -150,6 +151,8 @@ def print_answer(people: Console, found: Diagnosis) -> None:
     ]
     if limits:
         people.print(f"At the limit of their tolerances: {', '.join(limits)}.", soft_wrap=True)
+    if found.rest_sentence:
+        people.print(escape(found.rest_sentence), soft_wrap=True)
     if not found.complete:
         people.print("The deadline ended the search: this is the best answer so far.")
     for name, lacking in found.unproven.items():

@@ -11,6 +11,7 @@ from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
+from poise.viewing.wording import readable
 
 _STRETCH = 0.25
 """s over which a residual's size is averaged for display."""
@@ -178,5 +179,7 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
             )
     if found.unknown is not None:
         sentences.append(Finding("warn", "Something remains that no effect of the library explains."))
+    if found.rest_sentence:
+        sentences.append(Finding("note", readable(found.rest_sentence, 500)))
     sentences += [Finding("note", note) for note in notes]
     return sentences

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from field_robots import ARM, read
 
+from poise.commands.mismatch_answer import as_json
 from poise.mismatch.answer import diagnose
 from poise.mismatch.inference import beside_stuck_joints, effort_problem
 from poise.mismatch.inference.standstill import standing
@@ -70,10 +71,16 @@ def test_what_friction_carries_at_rest_is_no_effect(stiction: float, name: str) 
     assert track is not None
     assert track.stuck is not None
     assert 0.2 < track.stuck.mean() < 0.5
+    assert found.at_rest == dict(zip(track.names, track.stuck.mean(axis=0).tolist(), strict=True))
+    assert all(name in found.rest_sentence for name in track.names)
+    assert as_json(found, [case])["fit"]["at_rest"] == found.at_rest
 
 
 def test_without_dry_friction_a_hold_shows_the_load() -> None:
     case = recorded(0.0)
     problem = effort_problem(case.recorded, case.model)
     assert beside_stuck_joints(problem, None) is problem
-    assert diagnose(case.recorded, case.model).verdict == "none"
+    found = diagnose(case.recorded, case.model)
+    assert found.verdict == "none"
+    assert found.at_rest == {}
+    assert found.rest_sentence == ""

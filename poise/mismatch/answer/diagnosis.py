@@ -181,6 +181,21 @@ class Diagnosis:
         return {name: why for name, why in reasons.items() if name not in examined}
 
     @property
+    def at_rest(self) -> dict[str, float]:
+        """Shares of the efforts of joints that no fit uses: these joints stand still in their dry friction."""
+        shares: dict[str, float] = {}
+        for track in (each.problem.recorded.effort for each in self.examinations if each.problem.signal == "effort"):
+            if track is not None and track.stuck is not None:
+                shares |= zip(track.names, track.stuck.mean(axis=0).tolist(), strict=True)
+        return {name: share for name, share in shares.items() if share}
+
+    @property
+    def rest_sentence(self) -> str:
+        """Which efforts no fit uses, and why; "" where all are used."""
+        shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, share in self.at_rest.items())
+        return f"Efforts that are not used, since dry friction holds the joint at rest: {shares}." if shares else ""
+
+    @property
     def augmented(self) -> NominalModel:
         """The nominal model with the effects that were found."""
         model = self.main.problem.model
