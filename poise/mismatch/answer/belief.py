@@ -195,13 +195,14 @@ def rival_odds(own: float, rival: float, misfit: float) -> float:
     A likelihood assumes that one of the hypotheses is exact. None is: what the best answer leaves unexplained shows by
     how much responses are wrong, and rivals that differ from it by as little are as likely (a power likelihood; Miller
     and Dunson 2019, "Robust Bayesian inference via coarsening"). The error of a response is a share of it: a rival that
-    explains hardly anything is not excused by what the name leaves.
+    explains hardly anything is not excused by what the name leaves. An answer may leave nothing because its response
+    absorbs its own errors, so that a small share counts always.
 
     Args:
         own, rival: log evidence of the named effect, and of another one in its place.
         misfit: share of the held-out error that the answer leaves, see `beliefs`.
     """
-    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + _MISFIT * misfit * max(rival, 0.0)))
+    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + (LOOKALIKE + _MISFIT * misfit) * max(rival, 0.0)))
 
 
 def _second(pair: tuple[str, float]) -> float:

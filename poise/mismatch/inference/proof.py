@@ -266,27 +266,30 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
-    proofs = [_proof(problem, length, whole, shorter) for shorter in without]
+    proofs = [_proof(problem, length, whole, *pair) for pair in zip(whole.parts, without, strict=True)]
     settled = problem.settled(whole.parts)
     if settled.all():
         return proofs
     # A knock that is a fraction of a sample late counts as much as one that is not there: without the knocks, too.
     judged = settled if problem.judged is None else settled & problem.judged
     calm, *others = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    again = [_proof(problem, length, calm, shorter) for shorter in others]
+    again = [_proof(problem, length, calm, *pair) for pair in zip(calm.parts, others, strict=True)]
     pairs = zip(proofs, again, strict=True)
     return [max(pair, key=lambda proof: (not proof.lacking, proof.improved_blocks, proof.gain)) for pair in pairs]
 
 
-def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
-    """The proof of the effect that `whole` has and `without` lacks."""
+def _proof(
+    problem: Problem, length: int, whole: HypothesisFit, part: FittedEffect, without: HypothesisFit
+) -> EffectProof:
+    """The proof of a part of `whole` that `without` lacks."""
     channels = problem.measured.shape[1]
     fitted = [each.regression.residual.reshape(channels, -1) for each in (without, whole)]
     response = (fitted[0] - fitted[1]) ** 2
     acting = response / max(float(response.sum()), 1e-300)
     energy, share = response.sum(axis=0), acting.sum(axis=0)
     # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
-    fold = np.tile(_parts(0.5 * share + 0.5 / len(share), _BLOCKS**2) % _BLOCKS, channels)
+    cut = 0.5 * (_course(problem, part) if part.effect.free_course else share) + 0.5 / len(share)
+    fold = np.tile(_parts(cut, _BLOCKS**2) % _BLOCKS, channels)
     squares = [_predicted(each, fold) ** 2 for each in (without, whole)]
     fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)
     # A knock alone may have more than a block's share.
@@ -306,6 +309,19 @@ def _proof(problem: Problem, length: int, whole: HypothesisFit, without: Hypothe
         excess=_excess(problem, whole, without),
         elsewhere=elsewhere(fitted[1], energy, share),
     )
+
+
+def _course(problem: Problem, part: FittedEffect) -> Array:
+    """(R,) equal shares of the samples in the windows of an event, zero elsewhere.
+
+    Where a free course is weak, pieces with equal shares of its response would be longer than the distance of its
+    knots, and the samples that stay would not determine it.
+    """
+    at = problem.seconds[problem.active]
+    inside = np.zeros(len(at))
+    for begin, end in part.effect.windows(problem.recorded, part.values):
+        inside[(at >= begin) & (at <= end)] = 1.0
+    return np.asarray(inside / max(inside.sum(), 1.0))
 
 
 def _excess(problem: Problem, whole: HypothesisFit, without: HypothesisFit) -> float:

@@ -21,8 +21,9 @@ from poise.types import Array
 
 _SIZE = 0.2
 """One sigma of the prior of a variation, relative to the effect."""
-_ACTS = 1e-4
-"""Share of its largest energy in a sample from which an effect acts there."""
+_ACTS = 0.01
+"""Share of its largest energy in a sample from which an effect acts there. Where it hardly acts, it would have to vary
+by many times its own size to explain what stays there: that is another effect, or an error of the motion."""
 _TIME, _STATE = 5, 4
 """Knots of an amplitude that varies with time, or with a scalar state."""
 _SEEN = 0.003
@@ -76,7 +77,7 @@ def _kinds(problem: Problem, response: Array, whole: Array) -> Iterator[tuple[st
     for state, functions in _functions(problem, np.sqrt(energy), acts):
         relative = _standardised(functions, energy)
         if relative.shape[1]:
-            yield state, response[:, :, None] * relative[:, None, :]
+            yield state, response[:, :, None] * np.where(acts[:, None], relative, 0.0)[:, None, :]
     share = np.sum((response / problem.noise.sigma) ** 2, axis=0)
     seen = np.flatnonzero(share > _SEEN * share.sum())
     if len(seen) > 1:
