@@ -273,3 +273,15 @@ def test_smoothing_beside_a_late_clock_is_no_filter(late: float, constant: float
     library = [effect_named(name) for name in ("clock_offset", "low_pass")]
     found = diagnose(about, NominalModel(phi=recorded.phi), library=[each for each in library if each is not None])
     assert [each.effect.name for each in found.findings] == [expected]
+
+
+@pytest.mark.parametrize(("late", "expected"), [(0.6, []), (3.0, ["clock_skew"])])
+def test_a_skew_that_stays_within_the_tolerance_of_the_clock_is_no_finding(late: float, expected: list[str]) -> None:
+    """Clocks differ by 20 to 100 ppm: over a minute that is a millisecond or more, which exact motions show."""
+    recorded, rng = motion(), np.random.default_rng(4)
+    over = late * NominalModel().tolerance.clock_offset
+    wrench = at_times(recorded.seconds, recorded.prediction, recorded.seconds * (1.0 - over / recorded.duration))
+    about = replace(recorded, wrench=wrench + SIGMA * rng.normal(size=wrench.shape))
+    library = [effect_named(name) for name in ("clock_offset", "clock_skew")]
+    found = diagnose(about, NominalModel(phi=recorded.phi), library=[each for each in library if each is not None])
+    assert [each.effect.name for each in found.findings] == expected

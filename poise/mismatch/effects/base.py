@@ -151,6 +151,8 @@ class Effect(ABC):
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
+        late: derived quantity, s, by which wrenches are late at the end: less than the tolerance of the clock is no
+            finding; "" for an effect that does not make them late by and by.
         turn: derived quantity, rad, by which the load turns on the sensor: less than the tolerance of the sensor's
             rotation is no finding; "" for an effect that does not turn it.
         of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
@@ -179,6 +181,7 @@ class Effect(ABC):
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
     delay: ClassVar[str] = ""
+    late: ClassVar[str] = ""
     turn: ClassVar[str] = ""
     widens: ClassVar[str] = ""
     of_joint: ClassVar[Mapping[str, str]] = {}

@@ -23,6 +23,7 @@ class ClockSkew(Effect):
     separating_motion = "the same quick turns at the start and at the end: an offset shifts both alike, a skew does not"
     confused_with = ("clock_offset", "bias_drift", "low_pass")
     order = 50
+    late = "late_at_end"
     needs = ("load",)
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -329,7 +329,7 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
     """Whether an effect lies outside the tolerances that it widens by three sigma; true where it widens none.
 
     A delay must exceed the tolerance of the clock: what else a filter does may be an error of the measured motion.
-    A turn of the load must exceed the tolerance of the sensor's rotation.
+    So must what a skew makes late by the end. A turn of the load must exceed the tolerance of the sensor's rotation.
     At the edge of the tolerances, noise alone lowers the square by as many degrees of freedom as half the parameters.
 
     Args:
@@ -342,6 +342,10 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
         # Beside a filter the clock may be early, beside an offset of the clock it may not.
         least = _CLOCK_MARGIN * problem.model.tolerance.clock_offset * (1.0 if effect.widens == "clock" else 2.0)
         if abs(values[effect.delay]) < least:
+            return False
+    if effect.late:
+        late, _ = effect.derived(problem.recorded, values)[effect.late]
+        if abs(late) < _CLOCK_MARGIN * problem.model.tolerance.clock_offset:
             return False
     if effect.turn:
         # Within that tolerance, the attitude of the sensor may be off by as much in each posture.

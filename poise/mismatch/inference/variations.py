@@ -21,7 +21,7 @@ from poise.types import Array
 
 _SIZE = 0.2
 """One sigma of the prior of a variation, relative to the effect."""
-_ACTS = 0.01
+_ACTS = 1e-3
 """Share of its largest energy in a sample from which an effect acts there. Where it hardly acts, it would have to vary
 by many times its own size to explain what stays there: that is another effect, or an error of the motion."""
 _TIME, _STATE = 5, 4

@@ -1,0 +1,59 @@
+"""Where an effect hardly acts: the end of a contact in its proof, and what stays there in its variations."""
+
+import numpy as np
+from cases import make_case
+from test_proof import Pull, pulled
+
+from poise.mismatch.answer.belief import rival_odds
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import FittedEffect, fit, wrench_problem
+from poise.mismatch.inference.hypotheses import HypothesisSearch
+from poise.mismatch.inference.proof import proven
+from poise.mismatch.inference.variations import _kinds
+from poise.mismatch.recorded import RecordedMotion
+from poise.types import Array
+
+CONTACT = {"start": 4.0, "length": 0.7, "x": 0.0, "y": 0.0, "z": 0.2}
+COURSE = (0.2, 1.5, 0.8, 0.1, 0.02, 0.02, 0.02)
+"""N, along the world's z: a knock, and a touch that ends slowly."""
+_OF_THE_WHOLE = ("channel", "delay", "sign")
+
+
+def test_a_contact_that_ends_slowly_has_its_proof() -> None:
+    """Pieces with equal shares of the response left out the whole end of the course, and predicted it at random."""
+    contact = effect_named("contact")
+    assert contact is not None
+    zero = {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(len(COURSE))}
+    forces = {f"force_z_{k}": force for k, force in enumerate(COURSE)}
+
+    def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
+        del wrench, rng
+        return contact.simulate(exact, CONTACT | zero | forces)
+
+    case = make_case(5, duration=10.0, spoil=spoil)
+    problem = wrench_problem(case.recorded(), case.model)
+    state = HypothesisSearch(problem)
+    state.offer(fit(problem, ()))
+    model = proven(state, state.fitted(problem, [FittedEffect(contact, CONTACT | zero)], 2))
+    assert model.dropped == {}
+    (proof,) = model.proofs
+    assert proof.improved_blocks == proof.blocks
+    assert proof.gain > 0.5 * proof.evidence
+
+
+def test_an_amplitude_varies_where_the_effect_acts_alone() -> None:
+    """The rounded corners of a measured acceleration, where the response is small, spoke against true rotors."""
+    recorded, model = pulled(6.0)
+    problem = wrench_problem(recorded, model)
+    response = Pull(np.inf).simulate(recorded, {"force": 6.0})
+    small = np.abs(response[:, 0]) < 0.09 * np.abs(response[:, 0]).max()
+    functions = [columns for state, columns in _kinds(problem, response, response) if state not in _OF_THE_WHOLE]
+    assert functions
+    assert not any(columns[small].any() for columns in functions)
+    assert all(columns[~small].any() for columns in functions)
+
+
+def test_laws_that_differ_by_half_a_percent_of_their_evidence_are_rivals() -> None:
+    """Friction under a load that hardly changes explained 7 of 1,490 nats less as Coulomb friction."""
+    assert rival_odds(1490.0, 1483.0, 0.0) > 0.5
+    assert rival_odds(1490.0, 1300.0, 0.0) < 1e-6
