@@ -103,3 +103,19 @@ def test_a_point_where_the_load_yields_for_a_moment_is_no_collapse():
     found = follow(reach, np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004)
     assert found.ended
     assert found.best.factor == pytest.approx(7.0)
+
+
+def test_a_fall_at_far_more_than_the_last_point_is_no_end():
+    def reach(start, _):
+        way = float(start[0])
+        return PathPoint(start, way, way < 5.0, 1.0, 3)
+
+    assert not follow(reach, np.zeros(1), ONE, ONE, 16.0, 1.0, 0.004).ended
+
+
+def test_a_path_that_runs_out_of_steps_has_not_ended():
+    def reach(start, steps):
+        way = float(start[0])
+        return PathPoint(start, way**0.5, True, 1.0, steps)
+
+    assert not follow(reach, np.zeros(1), ONE, ONE, 1e30, 1.0, 1e-9).ended

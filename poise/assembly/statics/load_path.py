@@ -137,8 +137,9 @@ def _followed(
             guess = last.displacement + (way - done) * slope
             continue
         if not here.held:
-            if done or shorter == _SHORTER:
-                return LoadPath(points, here.displacement, True)
+            if done or shorter == _SHORTER:  # at far more than the last point it may have fallen on the way
+                near = here.factor <= (1 + 2 * tolerance) * last.factor
+                return LoadPath(points, here.displacement, near or not done)
             shorter, way = shorter + 1, way / 8  # within the first step, as where a small load rolls something away
             guess = rest + way * slope
             continue
@@ -152,7 +153,7 @@ def _followed(
         ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
-    return LoadPath(points, points[-1].displacement, True)
+    return LoadPath(points, points[-1].displacement, False)
 
 
 def go_on(
