@@ -51,6 +51,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.types import Array, Mask
 
 _QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow in proportion."
+_FROM_BELOW = "answers marked doubtful are lower bounds: elastic contacts were not seen to collapse beyond them"
 _LATE = "the deadline passed: bounds marked doubtful were not checked by elastic contacts, and some are wide"
 _MAP_SECONDS = 60.0
 """Deadline of a map when none is given: elastic contacts of large walls may take minutes."""
@@ -164,6 +165,8 @@ def msa(
     people.print(table)
     if not found.complete:
         warn(_LATE)
+    elif found.doubtful.any():
+        warn(_FROM_BELOW)
     if turning:
         people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
@@ -306,6 +309,8 @@ def _print_assessment(uncertain: UncertainAssessment, pushes: list[Question], js
         name = escape(first_of(push).object)
         table.add_row(name, f"{result.robustness:.4g}", bounds, *interval, result.mode, moves)
     people.print(table)
+    if found.complete and any(result.doubtful for result in found.results):
+        warn(_FROM_BELOW)
     print_samples(uncertain, json_target)
 
 

@@ -91,7 +91,7 @@ def _held(analysis: Analysis, surface: SurfacePoints, least: float, deadline: De
         chosen = np.concatenate([_thinned(np.flatnonzero(body == number)) for number in np.unique(body)])
         for load in _loads(block, body[chosen], scaled[chosen]):
             found = block.solvers.coulomb.factor(load, held, deadline)
-            if not found.known:
+            if not found.known and deadline.passed:
                 break
             held = min(held, found.value)
     return held if held < most else least

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from poise.assembly import Analysis
-from poise.assembly.statics import coulomb, pair_program
+from poise.assembly.statics import pair_program
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_factor import UNLIMITED
+from poise.assembly.statics.newton_goal import Goal
 from poise.errors import InputError
 from poise.kernels import COMPILED, CompiledBodies, CompiledElastic
 from poise.types import Array
@@ -106,7 +107,7 @@ def test_few_steps_to_a_point_of_the_path_are_not_damped(block) -> None:
         start = rest + 30.0 * compiled._response(rest, load)  # far, so that some need damping
         for steps in (12, 13):
             found = compiled.contacts.compiled.reach(gravity, load, start, size, steps, NO_DEADLINE)
-            goal = coulomb._Goal(gravity, push=load)
+            goal = Goal(gravity, push=load)
             u, left, taken = python._steps(goal, start, size, steps, NO_DEADLINE)
             assert found[4] == taken
             if left > size:

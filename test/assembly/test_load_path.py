@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.assembly.statics.load_path import PathPoint, follow
+from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on
 
 ONE = np.ones(1)
 
@@ -53,3 +53,69 @@ def test_an_earlier_equilibrium_is_the_last_one_up_to_a_factor():
     earlier = found.up_to(0.8 * found.best.factor)
     assert 0 < earlier.factor <= 0.8 * 7.0
     assert found.up_to(-1.0) is found.points[0]
+
+
+def stands_to(limit, known_to=np.inf):
+    """Whether a block stands under a given factor, up to the one to which that is known."""
+
+    def stand(factor, start, _):
+        return PathPoint(factor * ONE, factor, factor <= limit) if factor <= known_to else None
+
+    return stand
+
+
+def no_further(begin):
+    return LoadPath([PathPoint(0 * ONE, 0.0), begin], begin.displacement, False)
+
+
+EARLY = LoadPath([PathPoint(0 * ONE, 0.0), PathPoint(ONE, 1.0)], ONE, False)
+
+
+def test_where_no_next_equilibrium_is_found_given_factors_decide():
+    found = go_on(EARLY, stands_to(1.7), no_further, 1e6, 0.004)
+    assert found.ended
+    assert 1.7 / 1.008 <= found.best.factor <= 1.7
+    enough = go_on(EARLY, stands_to(1.7), no_further, 1.2, 0.004)
+    assert enough.ended
+    assert enough.best.factor == 1.2
+
+
+def test_a_path_goes_on_where_it_can_be_followed_again():
+    def resume(begin):
+        return LoadPath([PathPoint(0 * ONE, 0.0), begin, PathPoint(3 * ONE, 3.0)], 3 * ONE, True)
+
+    found = go_on(EARLY, stands_to(1.7), resume, 1e6, 0.004)
+    assert found.ended
+    assert found.best.factor == 3.0
+
+
+def test_a_path_beyond_which_nothing_is_known_has_not_ended():
+    found = go_on(EARLY, stands_to(1.7, known_to=1.3), no_further, 1e6, 0.004)
+    assert not found.ended
+    assert 1.3 / 1.008 <= found.best.factor <= 1.3
+
+
+def test_a_point_where_the_load_yields_for_a_moment_is_no_collapse():
+    def reach(start, _):
+        way = float(start[0])  # 0.25 and 0.75 first, where it yields
+        return PathPoint(start, min(way, 7.0), True, 1e12 if way < 1 or way > 7 else 1.0, 3)
+
+    found = follow(reach, np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004)
+    assert found.ended
+    assert found.best.factor == pytest.approx(7.0)
+
+
+def test_a_fall_at_far_more_than_the_last_point_is_no_end():
+    def reach(start, _):
+        way = float(start[0])
+        return PathPoint(start, way, way < 5.0, 1.0, 3)
+
+    assert not follow(reach, np.zeros(1), ONE, ONE, 16.0, 1.0, 0.004).ended
+
+
+def test_a_path_that_runs_out_of_steps_has_not_ended():
+    def reach(start, steps):
+        way = float(start[0])
+        return PathPoint(start, way**0.5, True, 1.0, steps)
+
+    assert not follow(reach, np.zeros(1), ONE, ONE, 1e30, 1.0, 1e-9).ended

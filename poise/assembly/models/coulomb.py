@@ -11,7 +11,8 @@ def coulomb(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Elastic contacts with Coulomb friction; see `CoulombBlock`. Limit analysis bounds the search from above."""
     limit_loads = limit(analysis, loads, deadline)
     check_elastic(limit_loads, analysis, loads, np.ones(loads.count, dtype=bool), deadline, nearly=1.0)
-    limit_loads.upper = np.minimum(limit_loads.upper, (1 + FACTOR_TOLERANCE) * limit_loads.lower)
+    collapsed = np.where(limit_loads.checked, (1 + FACTOR_TOLERANCE) * limit_loads.lower, np.inf)
+    limit_loads.upper = np.minimum(limit_loads.upper, collapsed)
     return limit_loads
 
 

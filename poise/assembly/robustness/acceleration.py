@@ -39,7 +39,7 @@ class AccelerationLimits:
         angular_speed: rad/s, about the same axis, when steady.
         complete: the deadline left time for all; otherwise the limits are what is certified.
         doubtful: (D,) elastic contacts, which must confirm limits where contact forces have a choice, were not asked in
-            time: the limit is what was confirmed by then.
+            time, or were not followed until they collapse: the limit is what was confirmed, and more may be sustained.
     """
 
     directions: Array
@@ -111,9 +111,9 @@ def acceleration_limits(
     complete = stands
     for block in analysis.blocks:
         found, mechanisms, checked, done = _block_limits(block, all_directions, wanted, limits, clock)
-        doubtful |= ~checked[: len(asked)]
         complete &= done
         lower = found < limits
+        doubtful = np.where(lower[: len(asked)], ~checked[: len(asked)], doubtful)
         for row in np.flatnonzero(lower[: len(asked)]).tolist():
             movers[row] = mechanisms(row)
         limits = np.where(lower, found, limits)
@@ -179,7 +179,7 @@ def _block_limits(
         mechanism = found.falls.get(row)
         return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.velocities)
 
-    return found.limits, movers, found.known, bool(found.known.all())
+    return found.limits, movers, found.known, bool(found.known.all()) or not deadline.passed
 
 
 def _polytope(points: Array) -> tuple[Array, Array]:

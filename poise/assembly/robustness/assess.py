@@ -24,8 +24,9 @@ class Robustness:
         robustness: N; inf when no force along this line moves anything. The factor on all forces, for several.
         lower, upper: N; certified by the model: lower <= truth <= upper.
         checked: elastic contacts with Coulomb friction hold 98 % of it, or lowered it to what they hold.
-        doubtful: contact forces have a choice here and elastic contacts were not asked: under `default` for lack of
-            time, and then `lower` is what was confirmed by then; other models never ask, and `lower` is their own.
+        doubtful: contact forces have a choice here and elastic contacts did not show what is held: under `default`
+            for lack of time, or as they were not followed until they collapse, and then `lower` is what was confirmed;
+            other models never ask, and `lower` is their own.
     """
 
     robustness: float

@@ -189,7 +189,7 @@ def check_elastic(
 ) -> dict[tuple[int, int], ElasticFactor]:
     """Check some questions (Q,) with elastic contacts, and lower the lower bounds that they do not withstand.
 
-    Those for which there is no time keep as a lower bound what was confirmed by then.
+    Those for which there is no time, or whose collapse is not found, keep as a lower bound what was confirmed.
 
     Returns:
         What each block, by the identity of its solvers, withstands in each question.
@@ -210,6 +210,6 @@ def check_elastic(
                 limit_loads.lower[question] = min(float(limit_loads.lower[question]), found.value)
                 if found.twist is not None:
                     limit_loads.mechanisms[question] = Mechanism.elastic(block, found.twist)
-    limit_loads.complete &= bool(known[wanted].all())
+    limit_loads.complete &= bool(known[wanted].all()) or not deadline.passed
     limit_loads.checked |= known
     return answers

@@ -12,15 +12,23 @@ import numpy as np
 
 from poise.assembly.robustness.block_answers import patch_factor
 from poise.assembly.robustness.plane_curve import Chord, PlaneCurve
-from poise.assembly.statics import BlockAnalysis, Deadline, ElasticFactor, InverseLoadFactor, Mechanism
+from poise.assembly.statics import (
+    FACTOR_TOLERANCE,
+    BlockAnalysis,
+    Deadline,
+    ElasticFactor,
+    InverseLoadFactor,
+    Mechanism,
+)
 from poise.geometry import cross
 from poise.types import Array, Indices, Mask
 
-_NEARLY, _CLOSE = 0.02, 0.01
-"""Limits this near to what limit analysis holds are near enough; or this near to what convexity holds, where ..."""
+_NEARLY, _CLOSE, _LARGE = 0.02, 0.01, 20
+"""In blocks of more bodies than that, limits this near to what limit analysis holds are near enough; or this near to
+what convexity holds, where ... In others, the tolerance of factors is."""
 _GAP = 0.03
 """... convexity leaves no more room than this above it."""
-_FEW, _SMALL = 12, 20
+_FEW, _SMALL = 12, 5
 """Up to so many directions in the level plane, or of so many bodies, are all followed from rest until they collapse."""
 _COARSE = np.pi / 4 - 1e-6
 """rad between the directions that are followed from rest first, at least."""
@@ -42,7 +50,7 @@ class ElasticLimits:
         patches: whether limits are lowered to what patches hold.
         limits: (D,) what elastic contacts and patches hold; the forces of elastic contacts are within their friction
             cones, so that limit analysis holds as much.
-        known: (D,) for which that was found in time; otherwise less may have been found than is held.
+        known: (D,) for which that was found in time, up to collapse; otherwise more may be held.
         falls: what moves, by row.
         from_rest: directions that were followed from rest.
     """
@@ -66,6 +74,8 @@ class ElasticLimits:
     def __post_init__(self) -> None:
         self.limits = np.zeros(len(self.directions))
         self.known = np.ones(len(self.directions), dtype=bool)
+        large = self.block.geometry.count > _LARGE
+        self._nearly, self._close = (_NEARLY, _CLOSE) if large else (FACTOR_TOLERANCE, FACTOR_TOLERANCE)
 
     def solve(self) -> "ElasticLimits":
         """Fill in the limits."""
@@ -115,7 +125,7 @@ class ElasticLimits:
     def _beside(self, row: int, azimuth: float, close: bool) -> ElasticFactor:
         """What elastic contacts hold in a direction between known ones; if `close`, what convexity allows is enough."""
         chord = self._elastic.chord(azimuth)
-        enough = (1 - _CLOSE) * chord.reach if chord is not None and close else np.inf
+        enough = (1 - self._close) * chord.reach if chord is not None and close else np.inf
         found = None if chord is None else self._between(row, chord, enough)
         return self._from_rest(row, enough) if found is None else found
 
@@ -125,8 +135,8 @@ class ElasticLimits:
         if not starts:
             return None
         load, most = self._load(row), float(self.most[row])
-        least = (1 - _CLOSE) * min(chord.reach, most)
-        enough = min(enough, (1 - _NEARLY) * self._upper(row))
+        least = (1 - self._close) * min(chord.reach, most)
+        enough = min(enough, (1 - self._nearly) * self._upper(row))
         return self.block.solvers.coulomb.beside(load, starts, least, most, enough, self.deadline)
 
     def _mixed(self, chord: Chord, earlier: bool) -> Array | None:
@@ -142,7 +152,7 @@ class ElasticLimits:
         if not (np.isfinite(enough) or self.deadline.passed):
             self._whole.add(row)
             self._cuts.append(self.block.solvers.limit.inverse_factor(load).twist)
-        enough = min(enough, (1 - _NEARLY) * self._upper(row))
+        enough = min(enough, (1 - self._nearly) * self._upper(row))
         return self.block.solvers.coulomb.factor(load, float(self.most[row]), self.deadline, enough)
 
     def _mend(self, row: int, azimuth: float) -> bool:
@@ -150,12 +160,12 @@ class ElasticLimits:
         chord, found = self._elastic.chord(azimuth), self._states.get(azimuth)
         if chord is None or found is None or self.deadline.passed:
             return False
-        if found.value >= (1 - _CLOSE) * min(chord.reach, float(self.most[row])):
+        if found.value >= (1 - self._close) * min(chord.reach, float(self.most[row])):
             return False
         better = self._between(row, chord, np.inf)
         if better is None and row not in self._whole:
             better = self._from_rest(row, np.inf)
-        if better is None or not better.known or better.value <= found.value:
+        if better is None or better.value < found.value or (better.value == found.value and found.known):
             return False
         self._note(row, azimuth, better)
         return True
@@ -183,6 +193,7 @@ class ElasticLimits:
         self._keep_patch(azimuth, patch)
         if patch.upper * found.value > 1:
             self.limits[row], self.falls[row] = 1 / patch.upper, Mechanism(self.block, patch.twist)
+            self.known[row] = True
 
     def _patches_hold(self, azimuth: float, wanted: float) -> bool:
         """Whether patches hold as much as is wanted, as what they hold in other directions shows."""

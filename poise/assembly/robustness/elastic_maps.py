@@ -47,9 +47,10 @@ class _ElasticPool(Pool):
         self._known, self._tolerance, self._floor, self._clock = known, tolerance, floor, clock
         self.doubtful = np.ones(len(known.upper), dtype=bool)
         self._shares, self._least = dict[tuple[float, ...], float](), 1.0
+        self._unknown: list[Array] = []  # (6,) wrenches of which more may be held than was found
 
     def begin(self, flat: bool) -> None:
-        self._shares, self._least = {}, 1.0
+        self._shares, self._least, self._unknown = {}, 1.0, []
         self.deadline = _Ration(self._clock.at, [_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS])
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
@@ -70,6 +71,8 @@ class _ElasticPool(Pool):
         self._least = min(self._least, found.value / above)
         if found.value >= above:
             return limit
+        if not found.known:
+            self._unknown.append(wrench)
         return max(limit, 1 / found.value) if found.value > 0 else np.inf
 
     def _programs(self, body: int, wrench: Array, load: Array) -> list[InverseLoadFactor]:
@@ -98,7 +101,8 @@ class _ElasticPool(Pool):
                 least = np.maximum(known, self._floor) / self._least
             region.upper = np.where(region.solved, region.values, np.maximum(region.upper, least))
         wider = region.upper > (1 + self._tolerance) * known
-        self.doubtful[rows] = wider & ~region.solved
+        unknown = [np.all(region.wrenches == wrench, axis=1) for wrench in self._unknown]
+        self.doubtful[rows] = wider & (~region.solved | np.any([np.zeros_like(wider), *unknown], axis=0))
         self._known.upper[rows] = np.maximum(region.upper, known)
 
 

@@ -14,9 +14,10 @@ import numpy as np
 from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.assembly.statics.elastic_contacts import ElasticContacts, Stiffness
+from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.assembly.statics.elimination import Elimination
-from poise.assembly.statics.load_path import PathPoint, follow
+from poise.assembly.statics.load_path import EquilibriumSearch, LoadPath, PathPoint, follow, go_on
+from poise.assembly.statics.newton_goal import Goal
 from poise.types import Array, Mask
 
 # A body stands when the catch carries less than this share of its load; its load counts as this share of all at least.
@@ -27,12 +28,12 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
+_FEW = 3
+"""Attempts where it is asked whether a block stands at a little more than at the end of a path."""
 _REACHED = 2e-4
 """What may be left of the load on each body at a point of the path of a growing load."""
 _NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
 """There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
-_LENGTHS, _GOOD = 5, 0.5
-"""Lengths of a step that are tried, each half of the one before, until one lessens what is left to this share."""
 _LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
 """The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 _IDLE = 1e-3
@@ -69,7 +70,8 @@ class ElasticFactor:
 
     Args:
         value: it stands at this factor.
-        known: it stands at none that is much larger; otherwise the deadline passed.
+        known: it collapses at a factor that is not much larger, or as much as was asked is held. Otherwise the deadline
+            passed, or no next equilibrium was found and no collapse: it may stand at more.
         twist: (6 n,) the motion in which it collapses; None when it does not.
         displacement: (6 n,) in the state in which it stands; None when it does not.
         earlier: (6 n,) displacement on the way to that state, under a smaller factor; None where none is known.
@@ -96,19 +98,22 @@ class CoulombBlock:
         self.geometry = geometry
         self.contacts = ElasticContacts(geometry, interfaces, order)
 
-    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
+    def settle(
+        self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE, attempts: int = _ATTEMPTS
+    ) -> ElasticState:
         """Find the equilibrium under a load (6 n,), gravity included, in the block's units.
 
         Args:
             load: N and N m, in those units.
             start: (6 n,) displacement near which to look first; None: that of contacts that do not slip.
             deadline: when it passes, the state is not `known`.
+            attempts: of Newton steps, with Tresca problems after each.
         """
         contacts, bounds = self.contacts, np.full(len(self.contacts.stiffness), np.inf)
         if start is not None and (found := self._newton(load, start, deadline)).settled:
             return found
         u = self._tresca(load, bounds, self._glued(load), deadline)
-        for attempt in range(_ATTEMPTS):
+        for attempt in range(attempts):
             found = self._newton(load, u, deadline)
             if found.settled or not found.known:
                 return found
@@ -187,13 +192,40 @@ class CoulombBlock:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
             # everything far; what contacts that stick would yield leads to where some stick again.
             path = follow(reach, rest.displacement, self._glued(load), load, most, weight, tolerance)
+        if not path.ended and len(path.points) > 1:
+            path = self._go_on(path, reach, load, most, tolerance, deadline)
         best = path.best
         earlier = path.up_to(_EARLIER * best.factor).displacement
         if best.factor >= most:
             return ElasticFactor(min(best.factor, above), True, None, best.displacement, earlier)
         if not path.ended and deadline.passed:
             return ElasticFactor(best.factor, False)
-        return ElasticFactor(best.factor, True, self._response(path.end, load), best.displacement, earlier)
+        return ElasticFactor(best.factor, path.ended, self._response(path.end, load), best.displacement, earlier)
+
+    def _go_on(
+        self,
+        path: LoadPath,
+        reach: EquilibriumSearch,
+        load: Array,
+        most: float,
+        tolerance: float,
+        deadline: Deadline,
+    ) -> LoadPath:
+        """The path on from where Newton steps found no next point of it."""
+        rest, weight, gravity = self.rest.displacement, self._weight, self.geometry.gravity.ravel()
+
+        def stand(factor: float, start: Array, thorough: bool) -> PathPoint | None:
+            total = gravity + factor * load
+            state = self.settle(total, start, deadline, _FEW) if thorough else self._newton(total, start, deadline)
+            return PathPoint(state.displacement, factor, state.stands) if state.known and state.settled else None
+
+        def resume(begin: PathPoint) -> LoadPath:
+            if load @ (begin.displacement - rest) <= 0:  # this far no power of the load leads
+                return LoadPath([path.points[0], begin], begin.displacement, False)
+            response = self._response(begin.displacement, load)
+            return follow(reach, rest, response, load, most, weight, tolerance, begin)
+
+        return go_on(path, stand, resume, most, tolerance)
 
     def beside(
         self,
@@ -287,7 +319,7 @@ class CoulombBlock:
         if compiled is not None:
             u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, steps, deadline)
         else:
-            goal = _Goal(gravity, push=load)
+            goal = Goal(gravity, push=load)
             u, left, steps = self._steps(goal, start, enough, steps, deadline)
             factor, compliance = goal.factor, goal.compliance
         total = gravity + factor * load
@@ -303,11 +335,9 @@ class CoulombBlock:
         compiled = self.contacts.compiled
         if compiled is not None:
             return compiled.descend(load, start, bounds, enough, steps, deadline)
-        return self._steps(_Goal(load, bounds), start, enough, steps, deadline)[0]
+        return self._steps(Goal(load, bounds), start, enough, steps, deadline)[0]
 
-    def _steps(
-        self, goal: "_Goal", u: Array, enough: float, steps: int, deadline: Deadline
-    ) -> tuple[Array, float, int]:
+    def _steps(self, goal: Goal, u: Array, enough: float, steps: int, deadline: Deadline) -> tuple[Array, float, int]:
         """Damped Newton steps towards a goal: the displacement, its merit, and how many steps that took.
 
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
@@ -344,57 +374,3 @@ def _squares(load: Array) -> Array:
     """(n,) squared size of the part (6,) of each body in a load (6 n,)."""
     rows = load.reshape(-1, 6)
     return np.asarray(np.einsum("ij,ij->i", rows, rows))
-
-
-@dataclass(eq=False)
-class _Goal:
-    """What Newton steps look for: the equilibrium under a load, with friction bounds (P,) or as Coulomb says.
-
-    Or with a factor of a push that the displacement decides: the power of the push on it does not change.
-    """
-
-    load: Array
-    bounds: Array | None = None
-    push: Array | None = None
-    factor: float = 0.0
-    compliance: float = 0.0
-
-    def step(self, jacobian: Stiffness, rest: Array) -> Array:
-        """(6 n,) the Newton step; not finite where the stiffness is singular."""
-        try:
-            move = -jacobian.solve(rest)
-            if self.push is not None:
-                along = jacobian.solve(self.push)
-                self.compliance = float(self.push @ along)
-                move -= float(self.push @ move) / self.compliance * along
-        except np.linalg.LinAlgError:
-            return np.full_like(rest, np.nan)
-        return move
-
-    def search(
-        self, contacts: ElasticContacts, u: Array, relative: Array, move: Array, value: float
-    ) -> tuple[float, float]:
-        """How long a step from a displacement of merit `value` is best, and the merit there.
-
-        The first length that halves what is left (of an energy: that lessens it), otherwise the best one of those
-        tried.
-        """
-        moved, good = contacts.moved(move), value if self.bounds is not None else _GOOD * value
-        best, least = 0.0, np.inf
-        for length in 0.5 ** np.arange(_LENGTHS):
-            new, _ = self.merit(contacts, u + length * move, relative + length * moved)
-            if new < least:
-                best, least = float(length), new
-            if new < good:
-                break
-        return best, least
-
-    def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
-        """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""
-        rest = contacts.left(u, self.load, relative, self.bounds)
-        if self.bounds is not None:
-            return contacts.energy(u, self.load, relative, self.bounds), rest
-        if self.push is not None:
-            self.factor = float(self.push @ rest) / float(self.push @ self.push)
-            rest = rest - self.factor * self.push
-        return float(np.linalg.norm(rest)), rest

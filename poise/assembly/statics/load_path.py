@@ -20,6 +20,10 @@ _MOST, _MANY, _SURE = 25, 10, 1.5
 """Newton steps to one point. After more than `_MANY` a longer step than `_SURE` may have led to another equilibrium: a
 shorter one is tried."""
 _LEAST_GROWTH, _STEPS = 1.1, 40
+_JUMP = 1.02
+"""A point that is flat ends the path where the factor grew by no more to it: what all slips at once may stick again."""
+_DECIDED = 16
+"""Given factors that are tried where Newton steps find no next point."""
 _SHORTER = 6
 """Times that the first step is taken again, an eighth as long, where it led to collapse."""
 
@@ -70,6 +74,11 @@ class LoadPath:
 EquilibriumSearch = Callable[[Array, int], PathPoint | None]
 """From a displacement to the equilibrium at which the load has the same power; None where none is found after so many
 Newton steps."""
+
+
+StateSearch = Callable[[float, Array, bool], PathPoint | None]
+"""From a factor and a displacement to the state of the block under the load, near it or, if thorough, anywhere; None
+where it is not found."""
 
 
 def follow(
@@ -128,21 +137,59 @@ def _followed(
             guess = last.displacement + (way - done) * slope
             continue
         if not here.held:
-            if done or shorter == _SHORTER:
-                return LoadPath(points, here.displacement, True)
+            if done or shorter == _SHORTER:  # at far more than the last point it may have fallen on the way
+                near = here.factor <= (1 + 2 * tolerance) * last.factor
+                return LoadPath(points, here.displacement, near or not done)
             shorter, way = shorter + 1, way / 8  # within the first step, as where a small load rolls something away
             guess = rest + way * slope
             continue
         points.append(here)
         collapsed = done and here.factor - last.factor <= tolerance * here.factor * math.log2(way / done)
-        if here.factor >= above or collapsed or flat_at(here, way, tolerance):
+        flat = flat_at(here, way, tolerance) and here.factor <= _JUMP * last.factor
+        if here.factor >= above or collapsed or flat:
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
         longest = longest if here.steps > _MANY else min(longest, _AFTER_FEW) ** 2
         ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
-    return LoadPath(points, points[-1].displacement, True)
+    return LoadPath(points, points[-1].displacement, False)
+
+
+def go_on(
+    path: LoadPath, stand: StateSearch, resume: Callable[[PathPoint], LoadPath], above: float, tolerance: float
+) -> LoadPath:
+    """Go on where no next equilibrium was found: under larger, given factors the block stands or falls.
+
+    Args:
+        path: that has not ended.
+        stand: finds the state under a given factor.
+        resume: follows the load on from an equilibrium.
+        above: no more than this is asked.
+        tolerance: the path ends where the block stands and falls at factors that differ by twice this share.
+    """
+    least, resumed = 2 * tolerance, path.best
+    step = least
+    for _ in range(_DECIDED):
+        best = path.best
+        factor = min((1 + step) * best.factor, above)
+        state = stand(factor, best.displacement, False)
+        if (state is None or not state.held) and best is not resumed:
+            resumed, further = best, resume(best)
+            path = LoadPath([*path.points, *further.points[2:]], further.end, further.ended)
+            if path.ended:
+                return path
+        elif (state is None or not state.held) and step == least:
+            state = stand(factor, best.displacement, True)
+            if state is None or not state.held:
+                return path if state is None else LoadPath(path.points, state.displacement, True)
+        if state is None or not state.held:
+            step = least
+            continue
+        path, step = LoadPath([*path.points, state], state.displacement, factor >= above), 2 * step
+        if path.ended:
+            return path
+    return path
 
 
 def flat_at(here: PathPoint, way: float, tolerance: float) -> bool:

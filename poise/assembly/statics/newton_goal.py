@@ -1,0 +1,65 @@
+"""What damped Newton steps on elastic contacts look for, and how long a step is best."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.assembly.statics.elastic_contacts import ElasticContacts, Stiffness
+from poise.types import Array
+
+_LENGTHS, _GOOD = 5, 0.5
+"""Lengths of a step that are tried, each half of the one before, until one lessens what is left to this share."""
+
+
+@dataclass(eq=False)
+class Goal:
+    """What Newton steps look for: the equilibrium under a load, with friction bounds (P,) or as Coulomb says.
+
+    Or with a factor of a push that the displacement decides: the power of the push on it does not change.
+    """
+
+    load: Array
+    bounds: Array | None = None
+    push: Array | None = None
+    factor: float = 0.0
+    compliance: float = 0.0
+
+    def step(self, jacobian: Stiffness, rest: Array) -> Array:
+        """(6 n,) the Newton step; not finite where the stiffness is singular."""
+        try:
+            move = -jacobian.solve(rest)
+            if self.push is not None:
+                along = jacobian.solve(self.push)
+                self.compliance = float(self.push @ along)
+                move -= float(self.push @ move) / self.compliance * along
+        except np.linalg.LinAlgError:
+            return np.full_like(rest, np.nan)
+        return move
+
+    def search(
+        self, contacts: ElasticContacts, u: Array, relative: Array, move: Array, value: float
+    ) -> tuple[float, float]:
+        """How long a step from a displacement of merit `value` is best, and the merit there.
+
+        The first length that halves what is left (of an energy: that lessens it), otherwise the best one of those
+        tried.
+        """
+        moved, good = contacts.moved(move), value if self.bounds is not None else _GOOD * value
+        best, least = 0.0, np.inf
+        for length in 0.5 ** np.arange(_LENGTHS):
+            new, _ = self.merit(contacts, u + length * move, relative + length * moved)
+            if new < least:
+                best, least = float(length), new
+            if new < good:
+                break
+        return best, least
+
+    def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
+        """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""
+        rest = contacts.left(u, self.load, relative, self.bounds)
+        if self.bounds is not None:
+            return contacts.energy(u, self.load, relative, self.bounds), rest
+        if self.push is not None:
+            self.factor = float(self.push @ rest) / float(self.push @ self.push)
+            rest = rest - self.factor * self.push
+        return float(np.linalg.norm(rest)), rest

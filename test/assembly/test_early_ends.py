@@ -1,0 +1,54 @@
+"""Loads for which Newton steps lose the way: an answer ends in a collapse, or is marked."""
+
+import numpy as np
+import pytest
+
+from benchmarks.early_ends import EarlyTally, ask, random_scene
+from benchmarks.growth import pallet, random_pushes
+from poise.assembly import Analysis, assess
+from poise.assembly.statics import loads_of
+
+
+@pytest.fixture(scope="module")
+def answered():
+    """A pallet of forty, pushes on it that were known to lose the way, and the answers."""
+    analysis = Analysis.of(pallet(40))
+    pushes = [random_pushes(analysis, 30, np.random.default_rng([5, 1]))[number] for number in (12, 22, 28)]
+    return analysis, pushes, assess(analysis, pushes)
+
+
+def stands(analysis, push, size):
+    """Whether elastic contacts stand under a push of a size, N."""
+    block = analysis.blocks[0]
+    (load,) = block.loads(loads_of(analysis.assembly, [push], analysis.structure.margin))[1]
+    return block.solvers.coulomb.settle(block.geometry.gravity.ravel() + size * load).stands
+
+
+def test_what_is_not_marked_collapses_at_a_little_more(answered):
+    analysis, pushes, found = answered
+    assert found.complete
+    for push, result in zip(pushes, found.results, strict=True):
+        assert stands(analysis, push, 0.99 * result.robustness)
+        assert result.doubtful or not stands(analysis, push, 1.03 * result.robustness)
+
+
+def test_a_way_that_was_lost_goes_on(answered):
+    result = answered[2].results[2]
+    assert not result.doubtful
+    assert result.robustness > 10_000  # it was lost at 6,330 N, where MuJoCo holds
+    assert result.robustness <= result.upper
+
+
+def test_what_is_marked_is_a_bound(answered):
+    for result in answered[2].results:
+        if result.doubtful:
+            assert not result.checked
+            assert result.lower == result.robustness < result.upper
+
+
+def test_the_benchmark_finds_no_row_that_stands_at_more():
+    rng, tally = np.random.default_rng([3, 0]), EarlyTally()
+    for _ in range(2):
+        ask(random_scene("row", rng), rng, tally)
+    assert tally.answers > 50
+    assert tally.low == 0  # it was 1: a point where all slips at once was taken for collapse
