@@ -1,7 +1,7 @@
 """Every hypothesis solved on its own, and their answers averaged by how well they predict the samples."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ from poise.inertia.bayes.curvature import ANY_MASS, curved_covariance
 from poise.inertia.bayes.first_guess import EXPECTED
 from poise.inertia.bayes.hypotheses import Hypotheses
 from poise.inertia.bayes.mass_model import MassModel, compiled_search
+from poise.inertia.bayes.posterior import Posterior, SolverEffort
 from poise.inertia.bayes.sensor_bias import WithoutBias
 from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
 from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
@@ -29,52 +30,6 @@ _SHORTENING = 0.25
 
 _IDENTITY = np.eye(N_UNKNOWNS)
 _TINY = np.finfo(np.float64).tiny
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """What is known after the samples.
-
-    Args:
-        unknowns: (16,) mean of phi and bias.
-        covariance: (16, 16).
-        states: (H, n) of the `MassModel`, of the hypotheses that are left.
-        left: (H,) which ones these are.
-        bias_cases: (H,) and their case of the bias.
-        log_weights: (H,) log of their probabilities, up to a constant.
-    """
-
-    unknowns: Array
-    covariance: Array
-    states: Array
-    left: Indices
-    bias_cases: Indices
-    log_weights: Array
-
-    @property
-    def phi(self) -> Array:
-        """(10,)."""
-        return self.unknowns[:10]
-
-    @property
-    def weights(self) -> Array:
-        """(H,) probabilities."""
-        return normalised(self.log_weights)
-
-
-@dataclass(frozen=True)
-class SolverEffort:
-    """How hard to try.
-
-    Args:
-        tolerance: gain of log posterior in a step with which a hypothesis counts as settled.
-        max_iterations: a cap.
-        negligible: hypotheses less probable than this are dropped.
-    """
-
-    tolerance: float
-    max_iterations: int
-    negligible: float
 
 
 class ModelAverage:
@@ -164,6 +119,28 @@ class ModelAverage:
             self._linearised, self.model.n_parts, found.states, to_states, found.reduced.information[found.case]
         )
         return self._posterior(found, inner)
+
+    def with_even_parts(self, posterior: Posterior, normal: NormalEquations) -> Posterior:
+        """The mean of cases in which uneven parts are improbable, with its mean square error under all cases.
+
+        The samples of a short motion hardly distinguish uneven parts from noise, and a mean that contains them follows
+        the noise. They stay in the covariance, about the new mean.
+
+        Args:
+            posterior: the answer.
+            normal: the samples, at the delay of the answer.
+        """
+        chances = normalised(self.hypotheses.for_answer(posterior.left, posterior.log_weights)) - posterior.weights
+        if not chances.any():
+            return posterior
+        case, variances = posterior.bias_cases, self.hypotheses.bias_variances
+        scaled = self._scaled(normal)
+        one = np.zeros(len(variances), dtype=np.int64)  # the same samples for each case of the bias
+        reduced = WithoutBias.of(NormalEquations(scaled.information[None][one], scaled.vector[None][one]), variances)
+        phi = self.model.evaluate(posterior.states)[0] / self._scale
+        step = self._to_sensor() @ (chances @ np.concatenate([phi, reduced.bias(case, phi)], axis=1))
+        covariance = posterior.covariance + np.outer(step, step)
+        return replace(posterior, unknowns=posterior.unknowns + step, covariance=covariance)
 
     def _posterior(self, found: "_Answers", inner: Array) -> Posterior:
         """The average of hypotheses, from their covariances (H, 10, 10)."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
+from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
@@ -21,6 +21,7 @@ from poise.inertia.bayes.lasting import (
     variance_of_sum,
 )
 from poise.inertia.bayes.outliers import UNLIKELY, Residuals, mean_excess, residuals, sample_excess, slow_excess
+from poise.inertia.bayes.posterior import Posterior, SolverEffort
 from poise.inertia.model import (
     ENTRIES,
     N_MOTION,
@@ -71,6 +72,9 @@ class PosteriorSearch:
             all may.
     """
 
+    posterior: Posterior
+    _normal: NormalEquations
+
     def __init__(
         self,
         blocks: MomentBlocks,
@@ -101,7 +105,13 @@ class PosteriorSearch:
     def run(self) -> "PosteriorSearch":
         """Go round until nothing moves any more."""
         if self.average.kernel is not None:
-            return self._run_compiled(self.average.kernel)
+            self._run_compiled(self.average.kernel)
+        else:
+            self._run_in_python()
+        self.posterior = self.average.with_even_parts(self.posterior, self._normal)
+        return self
+
+    def _run_in_python(self) -> None:
         normals = self._normals()
         self._find_delays(normals, None)
         self.posterior = self._solve(normals, _COARSE)
@@ -118,7 +128,6 @@ class PosteriorSearch:
             self._compare()
         self._allow_for_residuals()
         self.posterior = self.average.with_curvature()
-        return self
 
     @property
     def kernel_arrays(self) -> dict[str, NDArray[Any]]:
@@ -133,7 +142,7 @@ class PosteriorSearch:
         noise = self.noise
         return self.grid.numbers | {"linear": noise.linear_acceleration, "angular": noise.angular_acceleration}
 
-    def _run_compiled(self, kernel: CompiledSearch) -> "PosteriorSearch":
+    def _run_compiled(self, kernel: CompiledSearch) -> None:
         """The same by the kernel."""
         answer = kernel.run(self.average.states, self.kernel_arrays, self.kernel_numbers)
         cases = self.average.hypotheses.bias_case[answer.left]
@@ -146,7 +155,6 @@ class PosteriorSearch:
         self._normal = NormalEquations(answer.information, answer.vector)
         ratios = answer.variance_ratio, answer.mean_ratio
         self.found = Residuals(answer.surprise, *ratios, answer.squares, answer.means)
-        return self
 
     @property
     def delay(self) -> Delay:
