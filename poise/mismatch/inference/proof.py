@@ -75,7 +75,8 @@ class EffectProof:
         rest: energy that the model leaves above the noise, in units of the energy of this effect, in the samples and
             channels where it acts.
         local: energy of the effect in a sample where it acts, over all channels, in units of their noise.
-        evidence: log evidence of the model with the effect over the model without it, under the same noise.
+        evidence: log evidence of the model with the effect over the model without it, under the same noise; `gain`
+            where the values of the others are impossible without it.
         excess: energy of the residual without the effect, where the effect acts, over that of the noise, less one.
         elsewhere: of a brief event, the largest energy that stays unexplained in another window of its length, in units
             of the energy of the event.
@@ -296,16 +297,18 @@ def _proof(
     blocks = _parts(np.minimum(share, 1.0 / _BLOCKS**2), _BLOCKS)
     falls = np.bincount(blocks, weights=fall, minlength=_BLOCKS)
     errors = [float(np.mean(each)) for each in squares]
+    gain = 0.5 * float(fall.sum()) / max(errors[1], 1.0)
+    evidence = whole.log_evidence - without.log_evidence
     return EffectProof(
         blocks=_BLOCKS,
         improved_blocks=int(np.sum(falls > 0.0)),
         error_without=float(np.sqrt(errors[0])),
         error_with=float(np.sqrt(errors[1])),
-        gain=0.5 * float(fall.sum()) / max(errors[1], 1.0),
+        gain=gain,
         share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
         rest=max(float(np.sum(acting * (fitted[1] ** 2 - 1.0))), 0.0) / max(float(np.sum(acting * response)), 1e-9),
         local=float(share @ energy) / length,
-        evidence=whole.log_evidence - without.log_evidence,
+        evidence=evidence if np.isfinite(evidence) else gain,
         excess=_excess(problem, whole, without),
         elsewhere=elsewhere(fitted[1], energy, share),
     )
