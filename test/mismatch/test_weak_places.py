@@ -81,7 +81,7 @@ def test_an_amplitude_varies_where_the_effect_acts_alone() -> None:
     assert all(columns[~small].any() for columns in functions)
 
 
-def test_laws_that_differ_by_half_a_percent_of_their_evidence_are_rivals() -> None:
+def test_laws_of_friction_that_differ_by_half_a_percent_of_their_evidence_are_rivals() -> None:
     """Friction under a load that hardly changes explained 7 of 1,490 nats less as Coulomb friction."""
-    assert rival_odds(1490.0, 1483.0, 0.0) > 0.5
-    assert rival_odds(1490.0, 1300.0, 0.0) < 1e-6
+    assert rival_odds(1490.0, 1483.0, 0.0, 0.005) > 0.5 > rival_odds(1490.0, 1483.0, 0.0)
+    assert rival_odds(1490.0, 1300.0, 0.0, 0.005) < 1e-6

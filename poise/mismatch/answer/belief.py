@@ -141,13 +141,14 @@ def _belief(
     own = candidates[name].gain if name in candidates else -math.inf
     own = own if math.isfinite(own) else proof.evidence
     gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
-    odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
+    lacks = LOOKALIKE if part.effect.layer == "friction" else 0.0
+    odds = {rival: rival_odds(own, gain, misfit, lacks) for rival, gain in gains.items()}
     # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
     curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
     odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
     if curve and name in candidates:
-        lacks = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
-        odds[curve] *= min(max(lacks / _LAW, 0.0), 1.0)
+        missing = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
+        odds[curve] *= min(max(missing / _LAW, 0.0), 1.0)
     ruled = _equal_by_rule(model, part, proof, beside) | suspects & set(part.effect.confused_with)
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
@@ -189,20 +190,20 @@ def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, b
     return equal | {other.name for other in others if proof.within_noise and alike(other, part.effect)}
 
 
-def rival_odds(own: float, rival: float, misfit: float) -> float:
+def rival_odds(own: float, rival: float, misfit: float, lacks: float = 0.0) -> float:
     """Odds of a rival relative to a name, at most 1.
 
     A likelihood assumes that one of the hypotheses is exact. None is: what the best answer leaves unexplained shows by
     how much responses are wrong, and rivals that differ from it by as little are as likely (a power likelihood; Miller
     and Dunson 2019, "Robust Bayesian inference via coarsening"). The error of a response is a share of it: a rival that
-    explains hardly anything is not excused by what the name leaves. An answer may leave nothing because its response
-    absorbs its own errors, so that a small share counts always.
+    explains hardly anything is not excused by what the name leaves.
 
     Args:
         own, rival: log evidence of the named effect, and of another one in its place.
         misfit: share of the held-out error that the answer leaves, see `beliefs`.
+        lacks: share of its evidence by which the law of the rival may be wrong in any case, as friction's.
     """
-    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + (LOOKALIKE + _MISFIT * misfit) * max(rival, 0.0)))
+    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + (lacks + _MISFIT * misfit) * max(rival, 0.0)))
 
 
 def _second(pair: tuple[str, float]) -> float:
