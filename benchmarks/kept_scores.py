@@ -61,8 +61,8 @@ def row(name: str, found: Sequence[Case]) -> str:
         counted(of(("outside", "foreign"))),
     ]
     if all("stated" in case for case in found):
-        false = [max((belief for belief, true in case["stated"] if not true), default=0.0) for case in found]
-        cells.append(f"{sum(each > 0.0 for each in false)}, {sum(each > 0.5 for each in false)} of {len(found)}")
+        sure = sum(any(belief > 0.5 and not true for belief, true in case["stated"]) for case in found)
+        cells.append(f"{sum(case['extra'] for case in found)}, {sure} of {len(found)}")
     return f"| {name} | {' | '.join(cells)} |"
 
 

@@ -123,6 +123,7 @@ def test_the_friction_of_emps_is_named_with_its_published_values_and_predicts_th
     # Friction that is not quite in proportion to the speed fits a little better: the rival is listed.
     assert viscous.probability > 0.6
     assert viscous.rivals[0][0] == "unknown:joint_velocity"
+    assert all(chance < 0.01 for _, chance in viscous.rivals[1:])
     published = yaml.safe_load(SEALED.read_text())["emps"]["values"]
     assert found(answer, "viscous_friction").values["damping_1"] == pytest.approx(published["viscous_1"], rel=0.05)
     assert found(answer, "coulomb_friction").values["torque_1"] == pytest.approx(published["coulomb_1"], rel=0.05)

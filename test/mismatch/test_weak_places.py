@@ -6,9 +6,15 @@ from test_proof import Pull, pulled
 
 from poise.mismatch.answer.belief import rival_odds
 from poise.mismatch.effects import Values, effect_named
-from poise.mismatch.inference import FittedEffect, fit, wrench_problem
-from poise.mismatch.inference.hypotheses import HypothesisSearch
-from poise.mismatch.inference.proof import proven
+from poise.mismatch.inference import (
+    FittedEffect,
+    HypothesisSearch,
+    Problem,
+    ProvenModel,
+    fit,
+    proven,
+    wrench_problem,
+)
 from poise.mismatch.inference.variations import _kinds
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -17,6 +23,13 @@ CONTACT = {"start": 4.0, "length": 0.7, "x": 0.0, "y": 0.0, "z": 0.2}
 COURSE = (0.2, 1.5, 0.8, 0.1, 0.02, 0.02, 0.02)
 """N, along the world's z: a knock, and a touch that ends slowly."""
 _OF_THE_WHOLE = ("channel", "delay", "sign")
+
+
+def proven_of(problem: Problem, parts: list[FittedEffect]) -> ProvenModel:
+    """The model with these parts, from their values."""
+    state = HypothesisSearch(problem)
+    state.offer(fit(problem, ()))
+    return proven(state, state.fitted(problem, parts, 2))
 
 
 def test_a_contact_that_ends_slowly_has_its_proof() -> None:
@@ -32,9 +45,7 @@ def test_a_contact_that_ends_slowly_has_its_proof() -> None:
 
     case = make_case(5, duration=10.0, spoil=spoil)
     problem = wrench_problem(case.recorded(), case.model)
-    state = HypothesisSearch(problem)
-    state.offer(fit(problem, ()))
-    model = proven(state, state.fitted(problem, [FittedEffect(contact, CONTACT | zero)], 2))
+    model = proven_of(problem, [FittedEffect(contact, CONTACT | zero)])
     assert model.dropped == {}
     (proof,) = model.proofs
     assert proof.improved_blocks == proof.blocks
@@ -62,9 +73,7 @@ def test_the_evidence_for_a_name_is_finite_where_the_others_are_impossible_witho
 
     case = make_case(5, duration=8.0, spoil=spoil)
     problem = wrench_problem(case.recorded(), case.model)
-    state = HypothesisSearch(problem)
-    state.offer(fit(problem, ()))
-    model = proven(state, state.fitted(problem, [FittedEffect(each, {"force": 1.0}) for each in (pull, beside)], 2))
+    model = proven_of(problem, [FittedEffect(each, {"force": 1.0}) for each in (pull, beside)])
     assert model.without[0].log_evidence == -np.inf
     assert model.proofs[0].evidence == model.proofs[0].gain > 6.0
 

@@ -174,18 +174,21 @@ def go_on(
         best = path.best
         factor = min((1 + step) * best.factor, above)
         state = stand(factor, best.displacement, False)
-        if (state is None or not state.held) and best is not resumed:
-            resumed, further = best, resume(best)
-            path = LoadPath([*path.points, *further.points[2:]], further.end, further.ended)
-            if path.ended:
-                return path
-        elif (state is None or not state.held) and step == least:
-            state = stand(factor, best.displacement, True)
-            if state is None or not state.held:
-                return path if state is None else LoadPath(path.points, state.displacement, True)
         if state is None or not state.held:
-            step = least
-            continue
+            if best is not resumed:
+                resumed, further, step = best, resume(best), least
+                path = LoadPath([*path.points, *further.points[2:]], further.end, further.ended)
+                if path.ended:
+                    return path
+                continue
+            if step > least:
+                step = least
+                continue
+            state = stand(factor, best.displacement, True)
+            if state is None:
+                return path
+            if not state.held:
+                return LoadPath(path.points, state.displacement, True)
         path, step = LoadPath([*path.points, state], state.displacement, factor >= above), 2 * step
         if path.ended:
             return path

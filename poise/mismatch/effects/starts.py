@@ -1,6 +1,6 @@
 """Starting points in the residual: times of change, windows of activity, lines in the spectrum."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -89,6 +89,14 @@ def spans(seconds: Array, inside: Mask, beside: float) -> Iterator[tuple[float, 
     """Windows (start, end), s, of the runs of a mask (N,), wider by `beside`, s, at both ends."""
     for begin, end in _runs(inside):
         yield float(seconds[begin]) - beside, float(seconds[end]) + beside
+
+
+def within(seconds: Array, windows: Iterable[tuple[float, float]], beside: float = 0.0) -> Mask:
+    """(N,) stamps inside any of some windows (start, end), s, or not farther than `beside`, s, from it."""
+    inside = np.zeros(len(seconds), dtype=bool)
+    for begin, end in windows:
+        inside |= (seconds >= begin - beside) & (seconds <= end + beside)
+    return inside
 
 
 def _runs(inside: Mask) -> list[tuple[int, int]]:

@@ -343,14 +343,11 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
         least = _CLOCK_MARGIN * problem.model.tolerance.clock_offset * (1.0 if effect.widens == "clock" else 2.0)
         if abs(values[effect.delay]) < least:
             return False
-    if effect.late:
-        late, _ = effect.derived(problem.recorded, values)[effect.late]
-        if abs(late) < _CLOCK_MARGIN * problem.model.tolerance.clock_offset:
-            return False
-    if effect.turn:
-        # Within that tolerance, the attitude of the sensor may be off by as much in each posture.
-        turn, _ = effect.derived(problem.recorded, values)[effect.turn]
-        if turn < problem.model.tolerance.sensor_rotation:
+    tolerance = problem.model.tolerance
+    # Within its tolerance, the attitude of the sensor may be off by as much in each posture.
+    bounds = ((effect.late, _CLOCK_MARGIN * tolerance.clock_offset), (effect.turn, tolerance.sensor_rotation))
+    for quantity, least in bounds:
+        if quantity and abs(effect.derived(problem.recorded, values)[quantity][0]) < least:
             return False
     if not effect.widens:
         return True

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects import LAYERS, Effect, Values, limited_readings
+from poise.mismatch.effects import LAYERS, Effect, Values, limited_readings, within
 from poise.mismatch.inference.calibration import NORMAL_PRECISION, CalibrationGroup, calibration, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
@@ -176,8 +176,7 @@ class Problem:
         """(N,) samples outside the windows in which a part's response is known only roughly."""
         keep = np.ones(len(self.seconds), dtype=bool)
         for part, recorded in zip(parts, self.compose(parts)[0], strict=True):
-            for begin, end in part.effect.unsettled(recorded, part.values):
-                keep &= (self.seconds < begin) | (self.seconds > end)
+            keep &= ~within(self.seconds, part.effect.unsettled(recorded, part.values))
         return keep
 
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:

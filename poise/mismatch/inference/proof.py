@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects import Effect
+from poise.mismatch.effects import Effect, within
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
@@ -320,11 +320,8 @@ def _course(problem: Problem, part: FittedEffect) -> Array:
     Where a free course is weak, pieces with equal shares of its response would be longer than the distance of its
     knots, and the samples that stay would not determine it.
     """
-    at = problem.seconds[problem.active]
-    inside = np.zeros(len(at))
-    for begin, end in part.effect.windows(problem.recorded, part.values):
-        inside[(at >= begin) & (at <= end)] = 1.0
-    return np.asarray(inside / max(inside.sum(), 1.0))
+    inside = within(problem.seconds[problem.active], part.effect.windows(problem.recorded, part.values))
+    return np.asarray(inside / max(int(inside.sum()), 1))
 
 
 def _excess(problem: Problem, whole: HypothesisFit, without: HypothesisFit) -> float:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.effects import Effect, Values, all_effects, within
 from poise.mismatch.inference.effort_curves import effort_curves
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
@@ -283,9 +283,9 @@ def _calm(problem: Problem, best: HypothesisFit) -> Problem:
     inputs = problem.compose(best.parts)[0]
     keep = problem.settled(best.parts)
     for part, recorded in zip(best.parts, inputs, strict=True):
-        for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
-            if end - begin < _BRIEF * recorded.duration:
-                keep &= (problem.seconds < begin - _BESIDE) | (problem.seconds > end + _BESIDE)
+        windows = () if part.effect.transfers else part.effect.windows(recorded, part.values)
+        brief = [(begin, end) for begin, end in windows if end - begin < _BRIEF * recorded.duration]
+        keep &= ~within(problem.seconds, brief, _BESIDE)
     return problem if keep.all() else replace(problem, judged=keep if problem.judged is None else keep & problem.judged)
 
 

@@ -77,7 +77,7 @@ def _kinds(problem: Problem, response: Array, whole: Array) -> Iterator[tuple[st
     for state, functions in _functions(problem, np.sqrt(energy), acts):
         relative = _standardised(functions, energy)
         if relative.shape[1]:
-            yield state, response[:, :, None] * np.where(acts[:, None], relative, 0.0)[:, None, :]
+            yield state, response[:, :, None] * (relative * acts[:, None])[:, None, :]
     share = np.sum((response / problem.noise.sigma) ** 2, axis=0)
     seen = np.flatnonzero(share > _SEEN * share.sum())
     if len(seen) > 1:
