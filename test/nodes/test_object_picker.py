@@ -24,7 +24,7 @@ FLOOR = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose.from_vector([0, 0, -0.05
 CUBE = RigidObject("cube", Box((0.1, 0.1, 0.1)), Pose.from_vector([0, 0, 0.05, 0, 0, 0, 1]), mass=1.0)
 CAN = RigidObject("can", Cylinder(0.03, 0.1), Pose.from_vector([-0.1, -0.42, 0.05, 0, 0, 0, 1]), mass=0.3)
 PICKER = {"base": [-0.5, 0.0, 0.0, 0.0], "gripper_joint": FINGERS, "ready_timeout": 20.0, "stop_unattended": 60.0}
-PICKER |= {"stop_silence": 5.0, "motion_lead": 0.7}  # on machines that do other things; the robot runs at rate 2
+PICKER |= {"stop_silence": 5.0, "motion_lead": 2.0}  # 1 s of a busy machine: the robot runs at rate 2
 ROBOT = {"mode": "arm", "robot": "fr3", "rate": 2.0, "joint_rate": 60.0, "joint_noise": 0.0, "gripper_joint": FINGERS}
 ROBOT |= {"sensor": "low", "sensor_rate": 50.0}
 
