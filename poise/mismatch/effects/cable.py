@@ -1,22 +1,24 @@
 """Cable: a hose or a cord pulls the tool towards a point, as a spring with damping."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from poise.geometry import cross, lengths
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import beside_errors, coarsely, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
-from poise.types import Array
+from poise.types import Array, Mask
 
 _ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 _HOOK = ("x", "y", "z")
 _CORD = (*_ANCHOR, "rest_length", *_HOOK, "damping_time")
 _LEAST_WAY = 0.02
 """m that the tool must travel to change a cable's length."""
-_APART = 0.03
-"""s between the samples from which anchors are searched."""
+_APART, _SAMPLES = 0.03, 600
+"""s between the samples from which anchors are searched; their number where that gives more."""
 _DISTANCES = (0.3, 0.7, 1.2, 2.0)
 """m, along the mean force, of anchors from which the search begins: the lines of small motions hardly meet."""
 _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
@@ -44,7 +46,7 @@ class Cable(Effect):
     confused_with = ("world_force", "payload_parameters", "joint_offset")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        place, _ = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})
+        place, _ = _hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})
         low, high = place.min(axis=0) - 3.0, place.max(axis=0) + 3.0
         anchors = (
             EffectParameter(name, "m", low=a, high=b, linear=False)
@@ -62,24 +64,37 @@ class Cable(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Cords that explain the residual best, from anchors near and far; the torques give a first hook."""
-        few, left = coarsely(recorded, residual, _APART)
+        apart = max(_APART, float(recorded.seconds[-1] - recorded.seconds[0]) / _SAMPLES)
+        few, left = coarsely(recorded, residual, apart)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
         wanted = beside_errors(few, left) * weight
         hook = dict(zip(_HOOK, likely_place(left[:, :3], left[:, 3:]).tolist(), strict=True))
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
 
-            def unexplained(cord: Array, on_base: float = on_base) -> Array:
-                pull = self.columns(few, _cord(cord, on_base))[:, :, 0]
-                pull = beside_errors(few, pull) * weight
+            def left_by(cord: Array, on_base: float = on_base) -> tuple[Array, Array, float]:
+                """What a cord leaves (N, 6), its pull, and its best stiffness."""
+                pull = beside_errors(few, self.columns(few, _cord(cord, on_base))[:, :, 0]) * weight
                 stiffness = max(float(np.vdot(pull, wanted)), 0.0) / max(float(np.vdot(pull, pull)), 1e-12)
-                return np.asarray((wanted - stiffness * pull).ravel())
+                return wanted - stiffness * pull, pull, stiffness
 
-            place, turn = self._hook(few, hook | {"on_base": on_base})
-            force = np.einsum("nji,nj->ni", turn, few.to_world(left[:, :3]))
+            def unexplained(cord: Array) -> Array:
+                return left_by(cord)[0].ravel()
+
+            def slopes(cord: Array, on_base: float = on_base) -> Array:
+                """(6 N, 8) of `unexplained`, whose stiffness follows the cord (variable projection; Kaufman 1975)."""
+                _, pull, stiffness = left_by(cord)
+                change = _line(few, _cord(cord, on_base)).slopes(few, np.sign(cord[[3, 7]]))
+                flat = beside_errors(few, change.reshape(len(few), -1)).reshape(change.shape)
+                flat = (flat * weight[:, None]).reshape(-1, len(cord))
+                along = pull.ravel() / max(float(np.linalg.norm(pull)), 1e-12)
+                return np.asarray(-stiffness * (flat - np.outer(along, along @ flat)))
+
+            place, turn = _hook(few, hook | {"on_base": on_base})
+            force = np.einsum("nij,nj->ni", turn, left[:, :3])
             tried = [np.array([*cord, *hook.values(), _USUAL]) for cord in _likely_cords(place, force)]
             tried.sort(key=lambda cord: float(np.sum(unexplained(cord) ** 2)))
             refined = [
-                least_squares(unexplained, cord, max_nfev=_STEPS, x_scale=0.1, ftol=_ROUGHLY, xtol=_ROUGHLY)
+                least_squares(unexplained, cord, slopes, max_nfev=_STEPS, x_scale="jac", ftol=_ROUGHLY, xtol=_ROUGHLY)
                 for cord in tried[:_REFINED]
             ]
             refined.sort(key=lambda each: float(each.cost))
@@ -88,19 +103,8 @@ class Cable(Effect):
             yield from (_cord(cord, on_base) for cord in (*near, tried[0])[:_KEPT])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        hook, turn = self._hook(recorded, nonlinear)
-        away = np.array([nonlinear[name] for name in _ANCHOR]) - hook
-        length = np.linalg.norm(away, axis=1)
-        toward = away / np.maximum(length, 1e-6)[:, None]
-        taut = length > nonlinear["rest_length"]
-        stretch = np.where(taut, length - nonlinear["rest_length"], 0.0)
-        speed = np.gradient(length, recorded.seconds)
-        # The sample in which the cord goes taut counts in part: the response is then smooth in the length.
-        share = (length - nonlinear["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
-        rate = np.clip(share, 0.0, 1.0) * speed
-        tension = np.maximum(stretch + nonlinear["damping_time"] * rate, 0.0)  # a cord cannot push
-        pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, tension[:, None] * toward))
-        return forces_at(np.array([nonlinear[name] for name in _HOOK]), pull)[:, :, None]
+        line = _line(recorded, nonlinear)
+        return forces_at(line.hook, line.tension[:, None] * line.toward_in_sensor)[:, :, None]
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         del recorded
@@ -124,16 +128,88 @@ class Cable(Effect):
             f"{values['rest_length']:.2f} m: the nominal model has no cable."
         )
 
-    @staticmethod
-    def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
-        """(N, 3) the hook, in the world or in the base's frame, and rotation (N, 3, 3) from that frame to the world."""
-        place = recorded.position_in_world + recorded.to_world(
-            np.broadcast_to(np.array([values[name] for name in _HOOK]), (len(recorded), 3))
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A cord of stiffness 1 N/m at every sample.
+
+    Args:
+        hook: (3,) in the sensor.
+        rotation_frame_sensor: (N, 3, 3); the frame is that of the anchor.
+        toward_in_frame: (N, 3) unit vectors from the hook to the anchor.
+        length, tension: (N,) m, N.
+        taut, share: (N,) whether it is taut, and how much of the sample.
+        speed: (N,) m/s, of the length.
+        damping_time: s.
+    """
+
+    hook: Array
+    rotation_frame_sensor: Array
+    toward_in_frame: Array
+    length: Array
+    tension: Array
+    taut: Mask
+    share: Array
+    speed: Array
+    damping_time: float
+
+    @property
+    def toward_in_sensor(self) -> Array:
+        """(N, 3) unit vectors from the hook to the anchor."""
+        return np.asarray(np.einsum("nji,nj->ni", self.rotation_frame_sensor, self.toward_in_frame))
+
+    def slopes(self, recorded: RecordedMotion, signs: Array) -> Array:
+        """(N, 6, 8) derivative of the wrench by the values of `_CORD`; the share that is taut counts as constant.
+
+        Args:
+            recorded: the motion.
+            signs: (2,) of the search's rest length and damping time.
+        """
+        toward, pulls = self.toward_in_sensor, self.tension > 0.0
+        # By anchor and hook: how the way between them changes, and the cord's length.
+        ways = np.concatenate(
+            [self.rotation_frame_sensor.swapaxes(1, 2), np.broadcast_to(-np.eye(3), (len(toward), 3, 3))], axis=2
         )
-        if values["on_base"] > 0.5 and recorded.base is not None:
-            turn = recorded.base.rotation_world_base
-            return np.einsum("nji,nj->ni", turn, place - recorded.base.position_in_world), turn
-        return place, np.broadcast_to(np.eye(3), (len(recorded), 3, 3))
+        longer = np.concatenate([self.toward_in_frame, -toward], axis=1)
+        rate = np.gradient(longer, recorded.seconds, axis=0) * self.share[:, None]
+        tighter = (self.taut[:, None] * longer + self.damping_time * rate) * pulls[:, None]
+        turning = (self.tension / np.maximum(self.length, 1e-6))[:, None]
+        found = np.empty((len(toward), 6, len(_CORD)))
+        moved = toward[:, :, None] * (tighter - turning * longer)[:, None] + turning[:, None] * ways
+        found[:, :3, :3], found[:, :3, 4:7] = moved[:, :, :3], moved[:, :, 3:]
+        found[:, :3, 3] = toward * (-signs[0] * (self.taut & pulls))[:, None]
+        found[:, :3, 7] = toward * (signs[1] * self.share * self.speed * pulls)[:, None]
+        found[:, 3:] = cross(self.hook[:, None], found[:, :3], axis=-2)
+        found[:, 3:, 4:7] += cross(np.eye(3), (self.tension[:, None] * toward)[:, :, None], axis=-2)
+        return found
+
+
+def _line(recorded: RecordedMotion, values: Values) -> _Line:
+    """A cord with these non-linear values."""
+    place, rotation = _hook(recorded, values)
+    away = np.array([values[name] for name in _ANCHOR]) - place
+    length = lengths(away)
+    taut = length > values["rest_length"]
+    stretch = np.where(taut, length - values["rest_length"], 0.0)
+    speed = np.gradient(length, recorded.seconds)
+    # The sample in which the cord goes taut counts in part: the response is then smooth in the length.
+    share = (length - values["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
+    share = np.clip(share, 0.0, 1.0)
+    tension = np.maximum(stretch + values["damping_time"] * share * speed, 0.0)  # a cord cannot push
+    hook = np.array([values[name] for name in _HOOK])
+    toward = away / np.maximum(length, 1e-6)[:, None]
+    return _Line(hook, rotation, toward, length, tension, taut, share, speed, values["damping_time"])
+
+
+def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
+    """(N, 3) the hook, in the world or in the base's frame, and rotation (N, 3, 3) from the sensor to that frame."""
+    hook = np.array([values[name] for name in _HOOK])
+    rotation, place = recorded.rotation_world_sensor, recorded.position_in_world
+    if values["on_base"] > 0.5 and recorded.base is not None:
+        turn = recorded.base.rotation_world_base
+        rotation = np.einsum("nji,njk->nik", turn, rotation)
+        place = np.einsum("nji,nj->ni", turn, place - recorded.base.position_in_world)
+    return place + rotation @ hook, rotation
 
 
 def _cord(numbers: Array, on_base: float) -> dict[str, float]:
