@@ -14,13 +14,7 @@ from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, cali
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
 from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
-from poise.mismatch.answer.unknown_physics import (
-    UnknownPhysics,
-    likelihoods,
-    unclear,
-    undetermined,
-    unknown_physics,
-)
+from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
@@ -50,6 +44,7 @@ from poise.mismatch.inference import (
 from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, without
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.notebooks import html_table
+from poise.threads import in_one_thread
 from poise.types import Array, Mask
 
 _FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
@@ -209,6 +204,7 @@ def verdict_of(named: Sequence[object], unknown: UnknownPhysics | None) -> Verdi
     return "mixed" if named else "unknown"
 
 
+@in_one_thread
 def diagnose(
     recorded: RecordedMotion,
     model: NominalModel,

@@ -1,5 +1,7 @@
 """What loads do, against Newton's and Euler's laws: momenta in the world, differentiated by splines; and pinocchio."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_worlds import (
@@ -20,10 +22,12 @@ from scipy.spatial.transform import Rotation
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model.parameters import symmetric
 from poise.mismatch.effects import effect_named
+from poise.mismatch.effects.cable import _cord, _line
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
 from poise.mismatch.reading import complete_values, recorded_from_motion
+from poise.mismatch.recorded.recorded_motion import BaseTrack
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
@@ -173,6 +177,24 @@ def test_a_cable_pulls_as_its_geometry_says_and_not_at_all_while_it_is_slack():
     slack = length < values["rest_length"] - 0.01
     assert slack.any()
     assert not found[slack].any()
+
+
+@pytest.mark.parametrize("on_base", [0.0, 1.0])
+def test_the_slopes_of_a_cord_are_those_of_its_wrench(on_base):
+    at = recorded(duration=5.0)
+    turns = Rotation.from_euler("z", 0.1 * at.seconds[:, None]).as_matrix()
+    drifting = 0.1 * at.seconds[:, None] * [1.0, 0.5, 0.0]
+    at = replace(at, base=BaseTrack(turns, drifting, *[np.zeros_like(drifting)] * 4))
+    numbers = np.array([0.4, 0.6, 1.9, 1.0, 0.03, -0.02, 0.1, 0.2])
+
+    def wrench(changed):
+        return effect_named("cable").columns(at, _cord(changed, on_base))[:, :, 0]
+
+    slopes = _line(at, _cord(numbers, on_base)).slopes(at, np.ones(2))
+    assert wrench(numbers).any()
+    for place, step in enumerate(np.eye(len(numbers)) * 1e-6):
+        numeric = (wrench(numbers + step) - wrench(numbers - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, :, place], numeric, atol=1e-6 * np.abs(numeric).max())
 
 
 def test_a_cord_with_a_strong_damper_never_pushes():
