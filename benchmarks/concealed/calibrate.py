@@ -24,7 +24,7 @@ from benchmarks.foreign.seals import unseal
 from poise.mismatch.answer import BeliefBasis, belief_probability
 from poise.types import Array
 
-PRIOR_MEAN, PRIOR_WIDTH = np.array([0.0, 1.0, 0.0, -2.0, 1.0]), np.array([5.0, 1.0, 0.5, 1.5, 1.0])
+PRIOR_MEAN, PRIOR_WIDTH = np.array([0.0, 1.0, 0.0, -2.0, 1.0]), np.array([5.0, 1.0, 1.0, 1.5, 1.0])
 """One sigma of the weights' prior: what is never seen must not become infinitely sure, and rivals that do as well are
 equal until many cases say otherwise."""
 

@@ -244,7 +244,8 @@ def _contact(rng: np.random.Generator, recorded: RecordedMotion, strength: float
     course = np.sin(np.pi * np.arange(1, 8) / 8) ** rng.uniform(0.5, 1.5) * (1 + 0.2 * rng.normal(size=7))
     course *= 9.0 * strength / course.max()
     values = {"start": float(rng.uniform(3, 30)), "length": float(rng.uniform(0.4, 2.0))}
-    values |= dict(zip("xyz", point.tolist(), strict=True))
+    values |= {"knots": 7.0, **dict(zip("xyz", point.tolist(), strict=True))}
+    values |= {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(15)}
     for k, size in enumerate(course):
         values |= {f"force_{a}_{k}": float(v) for a, v in zip("xyz", size * (direction + across), strict=True)}
     return values

@@ -77,7 +77,7 @@ def _pressed(recorded: RecordedMotion, direction: float) -> dict[str, float]:
     """A force along the velocity of the sensor, or against it, over a second in which it moves."""
     speed = np.linalg.norm(recorded.velocity_in_world, axis=1)
     middle = recorded.seconds[int(np.argmax(np.convolve(speed, np.ones(100), mode="same")))]
-    values = {"start": float(middle) - 0.5, "length": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}
+    values = {"start": float(middle) - 0.5, "length": 1.0, "knots": 7.0, "x": 0.0, "y": 0.0, "z": 0.0}
     for k in range(7):
         row = int(np.searchsorted(recorded.seconds, values["start"] + (k + 1) / 8.0))
         along = direction * recorded.velocity_in_world[row] / speed[row]

@@ -19,7 +19,7 @@ from poise.mismatch.inference.variations import _kinds
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-CONTACT = {"start": 4.0, "length": 0.7, "x": 0.0, "y": 0.0, "z": 0.2}
+CONTACT = {"start": 4.0, "length": 0.7, "knots": 7.0, "x": 0.0, "y": 0.0, "z": 0.2}
 COURSE = (0.2, 1.5, 0.8, 0.1, 0.02, 0.02, 0.02)
 """N, along the world's z: a knock, and a touch that ends slowly."""
 _OF_THE_WHOLE = ("channel", "delay", "sign")
@@ -36,7 +36,7 @@ def test_a_contact_that_ends_slowly_has_its_proof() -> None:
     """Pieces with equal shares of the response left out the whole end of the course, and predicted it at random."""
     contact = effect_named("contact")
     assert contact is not None
-    zero = {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(len(COURSE))}
+    zero = {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(15)}
     forces = {f"force_z_{k}": force for k, force in enumerate(COURSE)}
 
     def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:

@@ -15,6 +15,8 @@ _LOUD, _KNOCK = 1.1, 6.0
 """Residual (rms, and its largest sample) in units of white noise from which a joint is examined."""
 _GAPS, _SLIDING = (2e-4, float(np.radians(3.5))), (1e-5, 5e-3)
 """rad and m: a gear with less play shows none, and one with more is broken."""
+_AT_END = 1.01
+"""Times the smallest gap up to which a fit was stopped there: a smaller one explains as much, and shows nothing."""
 _TRIED = 17
 """Gaps that are tried."""
 _BLURS, _REACHES = (15, 5), (0.3, 0.1)
@@ -93,7 +95,7 @@ class Backlash(Effect):
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         low, high = _gaps(recorded, values["joint"])
-        inside = low * (1.0 - 1e-9) <= values["gap"] <= high * (1.0 + 1e-9)
+        inside = low * _AT_END < values["gap"] <= high * (1.0 + 1e-9)
         wrong = "" if inside else f"gap would be {values['gap']:.3g} {joint_unit(recorded, 'rad', 'gap', values)}"
         return super().implausible(recorded, values) or wrong
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
-from poise.mismatch.effects.starts import bursts, smoothed
+from poise.mismatch.effects.starts import bursts, chained, smoothed
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -67,7 +67,7 @@ class UnreportedBaseMotion(Effect):
         """Windows and numbers of splines from a horizontal acceleration (N, 2) in the world."""
         calm = np.stack([smoothed(recorded, part, 0.1) for part in level.T], axis=1)
         found = list(bursts(recorded, calm, count=8))
-        for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
+        for begin, end in sorted({chained(found, found[0], _CHAINED), found[0]}) if found else ():
             length = min(end - begin + 2 * _MARGIN, 0.98 * max(recorded.duration, 1.0))
             for splines in sorted({FEWEST_SPLINES, min(max(round(length / _FINEST), FEWEST_SPLINES), MAX_SPLINES)}):
                 yield {"start": begin - _MARGIN, "length": max(length, 0.2), "splines": float(splines)}
@@ -135,13 +135,3 @@ def _reported_change(recorded: RecordedMotion, values: Values) -> float:
     if recorded.base is None or not during.any():
         return 0.0
     return float(np.linalg.norm(np.ptp(recorded.base.acceleration_in_world[during, :2], axis=0)))
-
-
-def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tuple[float, float]:
-    """From the first to the last of the spans that follow one another closely and include the seed."""
-    begin, end = seed
-    for _ in spans:
-        for a, b in spans:
-            if a < end + _CHAINED and b > begin - _CHAINED:
-                begin, end = min(begin, a), max(end, b)
-    return begin, end

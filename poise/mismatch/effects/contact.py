@@ -1,17 +1,19 @@
 """Contact: for a while something pushes on the tool, with or without sliding."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.starts import bursts
+from poise.mismatch.effects.starts import bursts, chained
 from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
 
 _POINT = ("x", "y", "z")
-_KNOTS = 7
+_FEWEST, _MOST, _SPACING = 7, 15, 0.15
+"""Knots of the force's course; s between them from which a long contact has more than the fewest."""
 _REACH = 0.5
 _ENOUGH = 100
 """Samples outside a contact that suffice to fit the rest of the recording."""
@@ -25,6 +27,8 @@ _SHORTEST = 0.05
 """s of a touch."""
 _NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
 """Shares of a burst by which its window may begin later and end earlier."""
+_CHAINED = 0.5
+"""s between bursts that may be those of one contact."""
 _MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 """Steps of start and end that are tried."""
 
@@ -44,6 +48,7 @@ class PlateContact(Effect):
     confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
     transfers = False
     free_course = True
+    defaults: ClassVar[Values] = {"force_": 0.0, "knots": float(_FEWEST)}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
@@ -52,12 +57,16 @@ class PlateContact(Effect):
             EffectParameter("length", "s", low=0.03, high=max(recorded.duration / 2, 1.0), linear=False, log=True),
         )
         points = (EffectParameter(name, "m", low=-_REACH, high=_REACH, linear=False) for name in _POINT)
-        forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(_KNOTS) for a in "xyz")
-        return (*when, *points, *forces)
+        knots = EffectParameter("knots", "", low=_FEWEST, high=_MOST, linear=False, choice=True, hidden=True)
+        forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(_MOST) for a in "xyz")
+        return (*when, *points, knots, *forces)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Bursts of the residual; in each, the point from torque = p x force, then the window that fits best."""
-        for begin, end in bursts(recorded, residual):
+        found = list(bursts(recorded, residual))
+        # Where the calibration follows a part of a long contact, two bursts are left of it.
+        whole = {chained(found, found[0], _CHAINED)} - set(found) if found else set()
+        for begin, end in (*found, *whole):
             straight = _straight(recorded, residual, begin, end)
             inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
             force, torque = straight[inside, :3], straight[inside, 3:]
@@ -66,18 +75,21 @@ class PlateContact(Effect):
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
             place = dict(zip(_POINT, np.clip(point, -0.9 * _REACH, 0.9 * _REACH).tolist(), strict=True))
-            start, stop = self._window(recorded, straight, (begin - recorded.period, end + recorded.period))
-            yield {"start": start, "length": float(np.clip(stop - start, _SHORTEST, recorded.duration / 3)), **place}
+            inner = [each for each in bursts(recorded, straight) if begin <= each[0] and each[1] <= end]
+            start, stop = self._window(recorded, straight, [(begin, end), *inner[:1]])
+            length = float(np.clip(stop - start, _SHORTEST, recorded.duration / 3))
+            for knots in sorted({_FEWEST, int(np.clip(round(length / _SPACING), _FEWEST, _MOST))}):
+                yield {"start": start, "length": length, "knots": float(knots), **place}
 
     @staticmethod
-    def _window(recorded: RecordedMotion, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
-        """The window with the least residual force in world axes: many windows around the burst are tried.
+    def _window(recorded: RecordedMotion, residual: Array, seen: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        """The window with the least residual force in world axes: many windows around the bursts are tried.
 
         The optima are narrow and close together, as knots meet bends of the course; a descent stops at the nearest.
         """
-        length = seen[1] - seen[0]
-        around = max(0.5 * length, _AROUND)
-        rows = (recorded.seconds > seen[0] - around) & (recorded.seconds < seen[1] + around)
+        begin, end = seen[0]
+        around = max(0.5 * (end - begin), _AROUND)
+        rows = (recorded.seconds > begin - around) & (recorded.seconds < end + around)
         seconds, force = recorded.seconds[rows], recorded.to_world(residual[:, :3])[rows]
         # Beside a cubic: other errors, and the effect of the contact on the calibration, change slowly.
         slow = np.linalg.qr(np.vander(seconds - seconds.mean(), 4))[0]
@@ -86,28 +98,32 @@ class PlateContact(Effect):
         def left(window: tuple[float, float]) -> float:
             if window[1] - window[0] < _SHORTEST:
                 return np.inf
-            linear_bspline_basis = _hats(seconds, window[0], window[1] - window[0])
+            linear_bspline_basis = _hats(seconds, window[0], window[1] - window[0], _FEWEST)
             linear_bspline_basis = linear_bspline_basis - slow @ (slow.T @ linear_bspline_basis)
             normal = linear_bspline_basis.T @ linear_bspline_basis
             right = linear_bspline_basis.T @ force
             ridge = 1e-6 * float(np.trace(normal)) + 1e-12  # a window may lie where there are no samples
-            solved = np.linalg.solve(normal + ridge * np.eye(_KNOTS), right)
+            solved = np.linalg.solve(normal + ridge * np.eye(_FEWEST), right)
             return -float(np.sum(solved * right))
 
-        tried = [(seen[0] + a * length, seen[1] - b * length) for a in _NARROWER for b in _NARROWER]
-        found = [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
+        found = []
+        for begin, end in seen:
+            length = end - begin + 2.0 * recorded.period
+            first, last = begin - recorded.period, end + recorded.period
+            tried = [(first + a * length, last - b * length) for a in _NARROWER for b in _NARROWER]
+            found += [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
         return min(found, key=left)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         point = np.array([nonlinear[name] for name in _POINT])
-        whole = _hats(recorded.seconds, nonlinear["start"], nonlinear["length"])
+        whole = _hats(recorded.seconds, nonlinear["start"], nonlinear["length"], round(nonlinear["knots"]))
         rows = np.flatnonzero(whole.any(axis=1))
-        out = np.zeros((len(recorded), 6, 3 * _KNOTS))
-        linear_bspline_basis = whole[rows]
+        out = np.zeros((len(recorded), 6, 3 * _MOST))
+        linear_bspline_basis, last = whole[rows], 3 * whole.shape[1]
         turn = recorded.rotation_world_sensor[rows]
         for axis in range(3):
             unit = forces_at(point, turn[:, axis])
-            out[rows, :, axis::3] = unit[:, :, None] * linear_bspline_basis[:, None, :]
+            out[rows, :, axis:last:3] = unit[:, :, None] * linear_bspline_basis[:, None, :]
         return out
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
@@ -128,7 +144,7 @@ class PlateContact(Effect):
 
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
         """What rests takes energy from the tool and returns a part of it; a magnet, or a person's hand, gives first."""
-        force = _hats(recorded.seconds, values["start"], values["length"]) @ _forces(values)
+        force = _hats(recorded.seconds, values["start"], values["length"], round(values["knots"])) @ _forces(values)
         point = np.array([values[name] for name in _POINT])
         velocity = recorded.velocity_in_world + recorded.to_world(cross(recorded.angular_velocity, point))
         work = np.sum(force * velocity, axis=1) * np.gradient(recorded.seconds)
@@ -155,8 +171,8 @@ class PlateContact(Effect):
 
 
 def _forces(values: Values) -> Array:
-    """(K, 3) N at the knots, world axes."""
-    return np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(_KNOTS)])
+    """(K, 3) N at the knots in use, world axes."""
+    return np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(round(values["knots"]))])
 
 
 def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: float) -> Array:
@@ -179,10 +195,10 @@ def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: floa
     return np.asarray(residual - basis @ np.linalg.lstsq(basis[outside], residual[outside], rcond=1e-9)[0])
 
 
-def _hats(seconds: Array, start: float, length: float) -> Array:
+def _hats(seconds: Array, start: float, length: float, knots: int) -> Array:
     """(N, K) linear B-splines whose knots divide a window evenly."""
-    place = (seconds - start) / length * (_KNOTS + 1)
-    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, _KNOTS + 1)), 0.0)
+    place = (seconds - start) / length * (knots + 1)
+    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, knots + 1)), 0.0)
 
 
 def _descended(

@@ -96,11 +96,12 @@ class JointCoupling(Effect):
         return _torques(recorded, driving, driven, nonlinear.get("shared", _ONE_WAY))
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """The friction of a shared motor takes power; what one joint does to another may have either sign."""
+        """Friction takes power: that of a shared motor, and that between two joints beside their own."""
         shared = values.get("shared", _ONE_WAY)
         driving, driven = (column_of(recorded, values[name]) for name in ("driving", "driven"))
         sizes = [values[name] for name in ("inertia", "damping", "friction")]
         drives = _drives(recorded, driving, driven, shared, sizes)
+        drives |= not shared and abs(values["damping"]) > _most_damping(recorded, (driving, driven))
         return super().implausible(recorded, values) or ("its friction would drive the joints" if drives else "")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
@@ -119,6 +120,16 @@ def _drives(recorded: RecordedMotion, driving: int, driven: int, shared: float, 
     velocity = efforts(recorded).velocity
     speed = np.abs(velocity[:, driven] + shared * velocity[:, driving])
     return bool(shared and sizes[1] * float(np.mean(speed**2)) + sizes[2] * float(np.mean(speed)) < 0.0)
+
+
+def _most_damping(recorded: RecordedMotion, pair: Sequence[int]) -> float:
+    """The largest damping between two columns of joints whose own damping d explains their whole efforts, at the most.
+
+    Together they take power for all speeds only if |d_12| <= 2 sqrt(d_1 d_2).
+    """
+    track = efforts(recorded)
+    sizes, speeds = (track.measured[:, pair].std(axis=0), np.sqrt(np.mean(track.velocity[:, pair] ** 2, axis=0)))
+    return 2.0 * float(np.sqrt(np.prod(sizes / np.maximum(speeds, 1e-9))))
 
 
 def _torques(recorded: RecordedMotion, driving: int, driven: int, shared: float) -> Array:

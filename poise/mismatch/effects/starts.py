@@ -1,6 +1,6 @@
 """Starting points in the residual: times of change, windows of activity, lines in the spectrum."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -83,6 +83,16 @@ def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterato
     ranked = sorted(joined, key=lambda span: -float((energy[span[0] : span[1] + 1] - usual).sum()))
     for begin, end in ranked[:count]:
         yield float(recorded.seconds[begin]), float(recorded.seconds[end])
+
+
+def chained(spans: Sequence[tuple[float, float]], seed: tuple[float, float], apart: float) -> tuple[float, float]:
+    """From the first to the last of the spans, s, that follow one another within `apart`, s, and include the seed."""
+    begin, end = seed
+    for _ in spans:
+        for a, b in spans:
+            if a < end + apart and b > begin - apart:
+                begin, end = min(begin, a), max(end, b)
+    return begin, end
 
 
 def spans(seconds: Array, inside: Mask, beside: float) -> Iterator[tuple[float, float]]:

@@ -7,11 +7,10 @@ the present best model with the noise and the calibration linearised there; the 
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from poise.mismatch.effects import Effect, Values, all_effects, within
+from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference.effort_curves import effort_curves
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
@@ -33,8 +32,6 @@ _BESIDE_CURVES = 0.5
 """Share of the gain of a free curve from which the best effect of the library is fitted as well."""
 _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
-_BRIEF, _BESIDE = 0.3, 0.2
-"""Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
 _MOST_PARTS, _FURTHER = 3, 0.3
 """Effects of an answer, and the share of the evidence that a further one needs from which its values are refined."""
 _WIDER = 1.3
@@ -247,7 +244,7 @@ def prescreen(
     taken = {name for part in best.parts for name in (part.effect.name, *part.effect.made_of)}
     known = Counter(names(best))
     free = [effect for effect in effects if effect.name not in taken or 0 < known[effect.name] < effect.most]
-    problem = _calm(state.under(best), best)
+    problem = state.under(best).calm(best.parts)
     # What wins less than a part of what a further name needs is not refined: neither is it named, nor is it a rival.
     found = beside(problem, best.parts, free, state.limit, least=_FURTHER * LEAST_BESIDE if best.parts else THRESHOLD)
     for each in found:
@@ -276,17 +273,6 @@ def prescreen(
 def _with(parts: Sequence[FittedEffect], new: FittedEffect) -> tuple[FittedEffect, ...]:
     """The parts and a new one, without those that it contains."""
     return (*(part for part in parts if part.effect.name not in new.effect.made_of), new)
-
-
-def _calm(problem: Problem, best: HypothesisFit) -> Problem:
-    """The problem without the windows of the model's events and knocks: residuals there are their details."""
-    inputs = problem.compose(best.parts)[0]
-    keep = problem.settled(best.parts)
-    for part, recorded in zip(best.parts, inputs, strict=True):
-        windows = () if part.effect.transfers else part.effect.windows(recorded, part.values)
-        brief = [(begin, end) for begin, end in windows if end - begin < _BRIEF * recorded.duration]
-        keep &= ~within(problem.seconds, brief, _BESIDE)
-    return problem if keep.all() else replace(problem, judged=keep if problem.judged is None else keep & problem.judged)
 
 
 def _few_unknown(candidates: list[EffectCandidate]) -> list[EffectCandidate]:

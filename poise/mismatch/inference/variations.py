@@ -43,31 +43,32 @@ class Variation:
 def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variation, ...]:
     """The strongest variation of each effect of an answer, in the order of the parts.
 
+    The windows of other events are left out: residuals there are their details.
+
     Args:
         problem: under the noise that the answer leaves.
         parts: the answer.
     """
-    if not parts:
-        return ()
     problem = problem.weighed()
-    if problem.blocks is None and not any(part.effect.fast for part in parts):
-        problem = thinned(problem)
+    coarse = problem.blocks is None and not any(part.effect.fast for part in parts)
+    return tuple(_strongest(problem, parts, part, coarse) for part in parts)
+
+
+def _strongest(problem: Problem, parts: Sequence[FittedEffect], part: FittedEffect, coarse: bool) -> Variation:
+    if part.effect.knocks or part.effect.varies:
+        return Variation("", 0.0)
+    rest = [other for other in parts if other is not part]
+    problem = problem.calm(rest)
+    problem = thinned(problem) if coarse else problem
     regression = fit(problem, parts, 0).regression
     whole = problem.predicted(problem.compose(parts)[1])
-    found = []
-    for part in parts:
-        if part.effect.knocks or part.effect.varies:
-            found.append(Variation("", 0.0))
-            continue
-        rest = [other for other in parts if other is not part]
-        response = whole - problem.predicted(problem.compose(rest)[1])
-        gains = {}
-        for state, columns in _kinds(problem, response, whole):
-            projected = regression.project(problem.whiten(columns))
-            gains[state] = projected.gain(np.full(columns.shape[2], _SIZE**-2.0))
-        best = max(gains, key=gains.__getitem__, default="")
-        found.append(Variation(best, max(gains.get(best, 0.0), 0.0)))
-    return tuple(found)
+    response = whole - problem.predicted(problem.compose(rest)[1])
+    gains = {}
+    for state, columns in _kinds(problem, response, whole):
+        projected = regression.project(problem.whiten(columns))
+        gains[state] = projected.gain(np.full(columns.shape[2], _SIZE**-2.0))
+    best = max(gains, key=gains.__getitem__, default="")
+    return Variation(best, max(gains.get(best, 0.0), 0.0))
 
 
 def _kinds(problem: Problem, response: Array, whole: Array) -> Iterator[tuple[str, Array]]:

@@ -93,7 +93,8 @@ TYPICAL = {
     "world_force": {"force_x": 1.4, "force_y": -1.3, "force_z": 0.4, **{"x": 0.03, "y": -0.02, "z": 0.12}},
     "cable": {"on_base": 0.0, "anchor_x": 0.4, "anchor_y": 0.6, "anchor_z": 1.9, "stiffness": 25.0}
     | {"damping_time": 0.08, "x": 0.03, "y": -0.02, "z": 0.12, "rest_length": 1.0},
-    "contact": {"start": 7.1, "length": 1.4, "x": 0.01, "y": 0.02, "z": 0.17}
+    "contact": {"start": 7.1, "length": 1.4, "knots": 7.0, "x": 0.01, "y": 0.02, "z": 0.17}
+    | {f"force_{a}_{k}": 0.0 for a in "xyz" for k in range(15)}
     | {f"force_{a}_{k}": s * np.sin(np.pi * (k + 1) / 8) for a, s in (("x", 8), ("y", 2), ("z", -3)) for k in range(7)},
     "sensor_creep": {"fraction": 0.08, "time_constant": 3.0},
     "sensor_nonlinearity": {"quadratic_fx": 0.003, "cubic_ty": 0.02},

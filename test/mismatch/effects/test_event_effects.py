@@ -7,7 +7,7 @@ import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import recorded_from_motion
+from poise.mismatch.reading import complete_values, recorded_from_motion
 from poise.simulation import JointMotion
 
 SECONDS = np.arange(0.0, 20.0, 0.005)
@@ -138,6 +138,27 @@ def test_a_weak_line_counts_where_it_lasts_and_the_arm_does_not_move_at_its_freq
     assert found(0.06)[0]["frequency"] == pytest.approx(13.0, abs=0.02)
     assert not found(0.06, moving=0.2)
     assert not found(0.06, lasts=(at.seconds > 5.0) & (at.seconds < 6.0))
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize(("length", "knots"), [(0.8, 7), (2.6, 15)])
+def test_the_window_of_a_contact_is_found_inside_a_longer_burst(length, knots, seed):
+    """A calibration that was fitted with the contact lengthens the burst; a course needs a knot every 0.15 s or so."""
+    at, effect = recorded(jitter=0.0, seed=seed), effect_named("contact")
+    pushed = effect.simulate(at, TYPICAL["contact"] | {"start": 8.0, "length": length})
+    pushed += np.random.default_rng(2).normal(size=pushed.shape) * np.repeat([0.05, 0.002], 3)
+    known = np.hstack([np.ones((len(at), 1)), at.specific, at.prediction])
+    found = list(effect.starts(at, pushed - known @ np.linalg.lstsq(known, pushed)[0]))
+    near = [each for each in found if [each["start"], each["length"]] == pytest.approx([8.0, length], abs=0.05)]
+    assert max(each["knots"] for each in near) == knots
+
+
+def test_a_contact_of_an_earlier_version_has_seven_knots():
+    at, effect = recorded(), effect_named("contact")
+    values = TYPICAL["contact"]
+    saved = {name: value for name, value in values.items() if name != "knots" and value != 0.0}
+    assert len(saved) == 5 + 3 * 7
+    assert complete_values(effect, at, saved) == values
 
 
 def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():
