@@ -5,7 +5,8 @@ where the library is not installed (no compiler was there) or belongs to another
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
 - `bounds`: least squares with bounds. `chain`: forward kinematics. `clocks`: sums at many lags.
-- `lookup`: points in depth images.
+- `lookup`: points in depth images. `matching`: surfaces moved to their points. `merging`: clusters.
+- `neighbours`: the nearest points, and tetrahedra between them.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
   `sums`: normal equations.
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
     from poise.kernels.lookup import CompiledLookup, pixels_between
+    from poise.kernels.matching import Drawn, matched_places
+    from poise.kernels.merging import merged_clusters
+    from poise.kernels.neighbours import tetrahedra_of
     from poise.kernels.records import find_records
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
@@ -39,6 +43,7 @@ __all__ = [
     "CompiledLookup",
     "CompiledSearch",
     "CompiledSplines",
+    "Drawn",
     "SearchAnswer",
     "between_stops",
     "bounded_minimum",
@@ -47,9 +52,12 @@ __all__ = [
     "find_records",
     "innovation_squares",
     "innovations",
+    "matched_places",
+    "merged_clusters",
     "pendulum",
     "pixels_between",
     "robust_fit",
+    "tetrahedra_of",
     "weighed_sums",
 ]
 
@@ -72,6 +80,10 @@ _FILES = {
     "innovations": "recursions",
     "pendulum": "recursions",
     "CompiledSplines": "smoothing",
+    "Drawn": "matching",
+    "matched_places": "matching",
+    "merged_clusters": "merging",
+    "tetrahedra_of": "neighbours",
     "robust_fit": "robust",
 }
 

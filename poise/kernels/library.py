@@ -52,6 +52,9 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
     "poise_cones_renew": (None, [_POINTER]),
     "poise_cones_free": (None, [_POINTER]),
+    "poise_delaunay": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 3]),
+    "poise_match": (_INT, [_POINTER]),
+    "poise_merge": (_INT, [_POINTER]),
 }
 
 

@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import cross, lengths
+from poise.geometry import cross, lengths, row_order
+from poise.kernels import COMPILED, tetrahedra_of
 from poise.shape.coverage import bare_share
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices, Mask
@@ -44,6 +45,8 @@ _FACETS = 8
 _PLANE = 12
 """Points that a normal is found from."""
 _FEWEST_POINTS = 20
+_FLAT = 1e-6
+"""Thickness over length below which there is a plane."""
 _TINY = 1e-30
 
 
@@ -87,12 +90,11 @@ class Stone:
             )
         spacing = spacing_of(points) if spacing is None else spacing
         try:
-            delaunay = Delaunay(points - points.mean(axis=0))
-        except QhullError as error:
+            tetrahedra, neighbours = _delaunay(points - points.mean(axis=0))
+        except (QhullError, np.linalg.LinAlgError) as error:
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
             ) from error
-        tetrahedra, neighbours = delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
         left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
         for rows in (tetrahedra, neighbours):
             rows[left_handed, :2] = rows[left_handed, 1::-1]
@@ -125,6 +127,26 @@ class Stone:
     def _volume(self, ball: float) -> float:
         """m3 that a ball of some radius, in spacings, leaves."""
         return float(self._volumes[self._tree[0] <= ball].sum())
+
+
+def _delaunay(points: Array) -> tuple[Indices, Indices]:
+    """(T, 4) Delaunay tetrahedra of points (N, 3), and (T, 4) those behind the faces; laid out as by `tetrahedra_of`.
+
+    Raises:
+        QhullError, numpy.linalg.LinAlgError: the points lie in one plane.
+    """
+    if COMPILED:
+        flatness = np.linalg.eigvalsh(points.T @ points)
+        if not flatness[0] > _FLAT**2 * flatness[2]:
+            raise np.linalg.LinAlgError("the points lie in one plane")
+        return tetrahedra_of(points)
+    made = Delaunay(points)
+    increasing = np.argsort(made.simplices, axis=1)
+    tetrahedra = np.take_along_axis(made.simplices, increasing, axis=1).astype(np.int64)
+    order = row_order(tetrahedra)
+    number = np.full(len(order) + 1, -1)
+    number[order] = np.arange(len(order))
+    return tetrahedra[order], number[np.take_along_axis(made.neighbors, increasing, axis=1)[order]]
 
 
 def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:

@@ -19,6 +19,8 @@ from poise.types import Array, Indices
 
 _MOST_ROUNDS = 80
 _SMOOTHINGS, _ALIKE, _LEAST_NOISE = 3, 1.5, 1e-3
+_EQUAL = 1e-9
+"""Share by which distances differ that are the same but for rounding, as of two points from the middle between them."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ class _Groups:
         off = lengths(self._features.positions[members] - (self._sums / self._sizes[:, None])[of])
         least = np.full(len(grown), np.inf)
         np.minimum.at(least, of, off)
-        nearest = off == least[of]
+        nearest = off <= (1 + _EQUAL) * least[of]
         self.representatives[of[nearest]] = members[nearest]  # of equal ones the first point, which is written last
         self._find_pairs(number[self.pairs])
 

@@ -25,8 +25,8 @@ def _sphere(pairs: int) -> tuple[Array, Indices]:
     return directions, triangles
 
 
-_DIRECTIONS, _TRIANGLES = _sphere(120)
-_CORNERS = np.ascontiguousarray(_TRIANGLES.T)
+_DIRECTIONS, TRIANGLES = _sphere(120)
+_CORNERS = np.ascontiguousarray(TRIANGLES.T)
 
 
 class Hulls(NamedTuple):
