@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from poise.errors import ErrorCode, InputError
 from poise.kernels.arrays import address, check, contiguous
 from poise.kernels.library import library
 from poise.types import Array, Indices
 
+_MOST = 64
 _ROOM = 12
 """Tetrahedra for each point that there is room for at first: on surfaces there are about 6."""
 
@@ -32,3 +34,27 @@ def tetrahedra_of(points: Array) -> tuple[Indices, Indices]:
         if found[0] <= room:
             return tetrahedra[: found[0]], beside[: found[0]]
         room = int(found[0])
+
+
+def nearest_of(points: Array, places: Array, count: int, cube: float) -> tuple[Array, Indices]:
+    """The nearest of points (N, 3) to places (M, 3), that are not far from them; needs `COMPILED`.
+
+    As `scipy.spatial.cKDTree.query`, which is faster where places are far away.
+
+    Args:
+        count: K of them, 64 at the most.
+        cube: m, about twice the spacing of the points.
+
+    Returns:
+        (M, K) m, and (M, K) points, nearest first.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes, or more neighbours than there are.
+    """
+    at, asked = contiguous(points, -1, 3, what="points"), contiguous(places, -1, 3, what="places")
+    if not 0 < count <= min(len(at), _MOST):
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{count} of {len(at)} points")
+    numbers, distances = np.empty((len(asked), count), np.int64), np.empty((len(asked), count))
+    arrays = map(address, (numbers, distances))
+    check(library.poise_nearest(len(at), address(at), cube, len(asked), address(asked), count, *arrays))
+    return distances, numbers

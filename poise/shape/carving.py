@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
-from poise.kernels import COMPILED, tetrahedra_of
+from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
 from poise.shape.coverage import bare_share
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices, Mask
@@ -100,7 +100,7 @@ class Stone:
             rows[left_handed, :2] = rows[left_handed, 1::-1]
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
         self._volumes = tetrahedron_volumes(points[tetrahedra])
-        reach, order, parents = _reach(points[tetrahedra], neighbours)
+        reach, order, parents = _reach(points, tetrahedra, neighbours)
         self._tree = reach / spacing, order, parents
 
     def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
@@ -199,6 +199,9 @@ def _pockets(
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
     facing = normals if normals is not None else oriented_normals(points, facets)
+    if COMPILED:
+        numbers = {"ball": ball, "smallest": _POCKET, "prior": _PRIOR, "cost": _COST}
+        return opened_pockets(points, tetrahedra, tree, inside, deep, facing, numbers)
     corners = points[tetrahedra]
     toward = corners.mean(axis=1)[:, None] - corners
     toward /= np.maximum(lengths(toward), 1e-30)[..., None]
@@ -285,12 +288,15 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     """
     count = len(points)
     near = cKDTree(points).query(points, k=min(_PLANE, count))[1]
-    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
     a, b, c = (points[facets[:, k]] for k in range(3))
     across = cross(b - a, c - a)
     sums = np.stack([np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1)
-    shown = np.unique(facets)
+    known = np.bincount(facets.ravel(), minlength=count) > 0
+    if COMPILED:
+        return normals_of_planes(points, near, known, sums)
+    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+    shown = np.flatnonzero(known)
     normals[shown] *= np.where(np.einsum("ij,ij->i", normals[shown], sums[shown]) < 0, -1.0, 1.0)[:, None]
     i, j = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
     bend = 1.01 - np.abs(np.einsum("ij,ij->i", normals[i], normals[j]))
@@ -300,8 +306,6 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
         shape=(count + 1, count + 1),
     ).tocsr()
     order, parents = breadth_first_order(minimum_spanning_tree(graph), count, directed=False)
-    known = np.zeros(count, bool)
-    known[shown] = True
     below = order[1:][~known[order[1:]]]
     turned = np.einsum("ij,ij->i", normals[below], normals[parents[below]]) < 0
     inwards = np.zeros(count, bool).tolist()
@@ -311,16 +315,19 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     return np.asarray(normals)
 
 
-def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices]:
+def _reach(points: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
     """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside.
 
-    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius.
+    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of equal
+    ways it has the first.
 
     Returns:
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and
         (T + 1,) that one, T for the outside.
     """
-    count = len(corners)
+    if COMPILED:
+        return ways_in(points, tetrahedra, neighbours)
+    corners, count = points[tetrahedra], len(tetrahedra)
     inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
     outer = neighbours[inner, face]
     own = _circumradius_of_tetrahedra(corners)
@@ -332,11 +339,13 @@ def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices
     ends = np.flatnonzero(widest)
     inner, outer = np.append(inner[~out], ends), np.append(outer[~out], np.full(len(ends), count))
     width = np.maximum(np.append(width[~out], widest[ends]), _TINY)
-    tree = minimum_spanning_tree(csr_array((1 / width, (inner, outer)), shape=(count + 1,) * 2))
+    rank = np.empty(len(width))
+    rank[np.argsort(-width, kind="stable")] = np.arange(1, len(width) + 1)
+    tree = minimum_spanning_tree(csr_array((rank, (inner, outer)), shape=(count + 1,) * 2))
     order, parent = breadth_first_order(tree, count, directed=False)
     one, other = tree.nonzero()
     to_parent = np.full(count + 1, np.inf)
-    to_parent[np.where(parent[one] == other, one, other)] = 1 / tree.data
+    to_parent[np.where(parent[one] == other, one, other)] = np.sort(width)[::-1][tree.data.astype(np.int64) - 1]
     return _least_to_root(to_parent, np.append(parent[:count], count))[:count], order[1:], parent
 
 

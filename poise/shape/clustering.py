@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from poise.geometry import lengths
+from poise.kernels import COMPILED, clustered_points
 from poise.shape.lighting import colour_steps, usual_step
 from poise.shape.surface_graph import folds
 from poise.types import Array, Indices
@@ -71,6 +72,11 @@ def initial_clusters(features: Features, edges: Indices, wanted: int, weights: W
     Returns:
         (N,) cluster of each point, numbered from 0.
     """
+    if COMPILED:
+        numbers = {"position": weights.position, "colour": weights.colour, "shading": features.shading}
+        numbers |= {"inward": weights.inward_fold, "outward": weights.outward_fold, "equal": _EQUAL}
+        known = features.positions, features.colours, features.normals
+        return clustered_points(known, edges, wanted, _MOST_ROUNDS, numbers)
     clusters = _Groups(features, edges, weights)
     threshold = float(np.median(clusters.costs))
     for _ in range(_MOST_ROUNDS):
