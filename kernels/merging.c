@@ -68,6 +68,43 @@ POISE_WIDE static void join(int64_t directions, const double *restrict reach, co
   }
 }
 
+/* Takes a point into a hull, if it is the outermost in some of the directions (3, directions). */
+POISE_WIDE static void take(int64_t directions, const double *restrict direction, const double *restrict point,
+                            double *restrict reach, double *restrict points) {
+  const double x = point[0], y = point[1], z = point[2];
+  double *px = points, *py = px + directions, *pz = py + directions;
+  for (int64_t d = 0; d < directions; d++) {
+    const double along = direction[d] * x + direction[directions + d] * y + direction[2 * directions + d] * z;
+    const int outer = along > reach[d];
+    reach[d] = outer ? along : reach[d];
+    px[d] = outer ? x : px[d];
+    py[d] = outer ? y : py[d];
+    pz[d] = outer ? z : pz[d];
+  }
+}
+
+/* Hulls of the clusters of tetrahedra (count, 4), in the directions (3, directions): reach (clusters, directions) and
+   points (clusters, 3, directions). Each of the n points (n, 3) counts once in each. */
+POISE_EXPORT int64_t poise_hulls(int64_t n, const double *points, int64_t count, const int64_t *tetrahedra,
+                                 const int64_t *cluster, int64_t clusters, int64_t directions, const double *direction,
+                                 double *reach, double *outermost) {
+  int64_t *start = calloc((size_t)(clusters + 1 + count + n), sizeof *start);
+  if (!start) return POISE_NO_MEMORY;
+  int64_t *sorted = start + clusters + 1, *taken = sorted + count;
+  for (int64_t k = 0; k < count; k++) start[cluster[k] + 1]++;
+  for (int64_t k = 0; k < clusters; k++) start[k + 1] += start[k];
+  for (int64_t k = 0; k < count; k++) sorted[start[cluster[k]]++] = k;
+  for (int64_t k = 0; k < clusters * directions; k++) reach[k] = -INFINITY;
+  for (int64_t k = 0; k < 4 * count; k++) {
+    const int64_t own = sorted[k / 4], in = cluster[own], point = tetrahedra[4 * own + k % 4];
+    if (taken[point] == in + 1) continue;
+    taken[point] = in + 1;
+    take(directions, direction, points + 3 * point, reach + directions * in, outermost + 3 * directions * in);
+  }
+  free(start);
+  return POISE_OK;
+}
+
 static void join_clusters(const struct merging *m, int64_t i, int64_t j, double *reach, double *points) {
   const int64_t d = m->directions;
   join(d, m->reach + d * i, m->points + 3 * d * i, m->reach + d * j, m->points + 3 * d * j, reach, points);

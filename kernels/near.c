@@ -145,3 +145,37 @@ POISE_EXPORT int64_t poise_nearest(int64_t n, const double *points, double cube,
   near_free(&grid);
   return ready ? POISE_OK : POISE_NO_MEMORY;
 }
+
+/* Averages unit normals (n, 3) of points over those within a radius, m, and of the same side, in some rounds. */
+POISE_EXPORT int64_t poise_side_normals(int64_t n, const double *points, double radius, int64_t rounds, double *normals) {
+  near_grid grid = {0};
+  double *sums = malloc((size_t)(3 * n + 1) * sizeof *sums);
+  const int ready = sums && near_build(&grid, n, points, radius);
+  for (int64_t round = 0; ready && round < rounds; round++) {
+    memcpy(sums, normals, (size_t)(3 * n) * sizeof *sums);
+    for (int64_t i = 0; i < n; i++) {
+      const double *at = points + 3 * i, *own = normals + 3 * i;
+      int32_t low[3], high[3];
+      for (int axis = 0; axis < 3; axis++)
+        low[axis] = row_of(&grid, at[axis] - radius, axis), high[axis] = row_of(&grid, at[axis] + radius, axis);
+      for (int64_t x = low[0]; x <= high[0]; x++)
+        for (int64_t y = low[1]; y <= high[1]; y++) {
+          const int64_t row = (x * grid.size[1] + y) * grid.size[2];
+          for (int32_t k = grid.start[row + low[2]]; k < grid.start[row + high[2] + 1]; k++) {
+            const double dx = grid.at[k][0] - at[0], dy = grid.at[k][1] - at[1], dz = grid.at[k][2] - at[2];
+            if (grid.number[k] == i || !(dx * dx + dy * dy + dz * dz <= radius * radius)) continue;
+            const double *other = normals + 3 * grid.number[k];
+            const double same = fmax(own[0] * other[0] + own[1] * other[1] + own[2] * other[2], 0.0);
+            for (int axis = 0; axis < 3; axis++) sums[3 * i + axis] += same * same * other[axis];
+          }
+        }
+    }
+    for (int64_t i = 0; i < n; i++) {
+      const double *sum = sums + 3 * i, size = sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
+      for (int axis = 0; axis < 3; axis++) normals[3 * i + axis] = sum[axis] / fmax(size, 1e-30);
+    }
+  }
+  near_free(&grid);
+  free(sums);
+  return ready ? POISE_OK : POISE_NO_MEMORY;
+}

@@ -55,6 +55,8 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_delaunay": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 3]),
     "poise_clusters": (_INT, [_POINTER]),
     "poise_nearest": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER, _INT, *[_POINTER] * 2]),
+    "poise_side_normals": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER]),
+    "poise_hulls": (_INT, [_INT, _POINTER, _INT, _POINTER, _POINTER, _INT, _INT, *[_POINTER] * 3]),
     "poise_reach": (_INT, [_POINTER, _INT, *[_POINTER] * 6]),
     "poise_oriented_normals": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pockets": (None, [_POINTER]),

@@ -69,3 +69,27 @@ def merged_clusters(
     merging = _Merging(**sizes, **values, **{name: address(given[name]) for name in _POINTERS})
     check(library.poise_merge(ctypes.byref(merging)))
     return given["merge"][: merging.merges], given["cost"][: merging.merges]
+
+
+def hulls_of_clusters(
+    points: Array, tetrahedra: Indices, clusters: Indices, count: int, directions: Array
+) -> tuple[Array, Array]:
+    """Hulls of clusters of tetrahedra; needs `COMPILED`. See `poise.shape.hulls`, which does the same.
+
+    Args:
+        points: (N, 3) m.
+        tetrahedra: (T, 4), and clusters: (T,) of them, 0..count-1, none empty.
+        directions: (D, 3) unit vectors.
+
+    Returns:
+        (count, D) m along the directions, and (count, 3, D) m, the outermost points.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of what is not there.
+    """
+    at, along = contiguous(points, -1, 3, what="points"), contiguous(directions.T, 3, -1, what="directions")
+    corners, own = row_numbers(tetrahedra, 4, len(at)), row_numbers(clusters[:, None], 1, count)
+    reach, outermost = np.empty((count, along.shape[1])), np.empty((count, *along.shape))
+    given = len(at), address(at), len(corners), address(corners), address(own), count, along.shape[1], address(along)
+    check(library.poise_hulls(*given, address(reach), address(outermost)))
+    return reach, outermost

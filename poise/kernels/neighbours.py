@@ -58,3 +58,21 @@ def nearest_of(points: Array, places: Array, count: int, cube: float) -> tuple[A
     arrays = map(address, (numbers, distances))
     check(library.poise_nearest(len(at), address(at), cube, len(asked), address(asked), count, *arrays))
     return distances, numbers
+
+
+def side_averages(points: Array, normals: Array, radius: float, rounds: int) -> Array:
+    """(N, 3) normals averaged over those of the same side; needs `COMPILED`. See `poise.shape.surface_fit`.
+
+    Args:
+        points: (N, 3) m.
+        normals: (N, 3) unit vectors.
+        radius: m, within which points count.
+        rounds: of averaging.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes.
+    """
+    at = contiguous(points, -1, 3, what="points")
+    found = np.array(contiguous(normals, len(at), 3, what="normals"))
+    check(library.poise_side_normals(len(at), address(at), radius, rounds, address(found)))
+    return found

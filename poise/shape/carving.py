@@ -18,6 +18,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
 from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
 from poise.shape.coverage import bare_share
+from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices, Mask
 
@@ -52,7 +53,7 @@ _TINY = 1e-30
 
 def spacing_of(points: Array) -> float:
     """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = cKDTree(points).query(points, k=_NEIGHBOURS + 1)[0]
+    distances = nearest(points, points, _NEIGHBOURS + 1)[0]
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
@@ -287,7 +288,7 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
         facets: (F, 3) triangles around the solid, counter-clockwise from outside; they show the side of their corners.
     """
     count = len(points)
-    near = cKDTree(points).query(points, k=min(_PLANE, count))[1]
+    near = nearest(points, points, min(_PLANE, count))[1]
     a, b, c = (points[facets[:, k]] for k in range(3))
     across = cross(b - a, c - a)
     sums = np.stack([np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1)

@@ -114,7 +114,8 @@ class _Clusters:
         most = 2 * count - 1
         self._volume, self._hull, self._weight = (np.zeros(most) for _ in range(3))
         self._colour = np.zeros((most, 3))
-        first = Hulls.of(_corners(solid, leaves, count))
+        around = solid.vertices - solid.vertices.mean(axis=0)
+        first = Hulls.of_clusters(around, solid.tetrahedra, leaves, count)
         self._hulls = Hulls(*(np.concatenate([part, np.zeros((count - 1, *part.shape[1:]))]) for part in first))
         self._volume[:count] = np.bincount(leaves, solid.volumes, minlength=count) / self._total
         self._hull[:count] = np.maximum(first.volumes / self._total, self._volume[:count])
@@ -196,14 +197,6 @@ class _Clusters:
             self._folds[k, parent] = fold, edges
             self.touching[k].add(parent)
         return parent
-
-
-def _corners(solid: Solid, leaves: Indices, count: int) -> list[Array]:
-    """The corners (N, 3) m of the tetrahedra of each leaf, from the middle of the solid."""
-    n_vertices = len(solid.vertices)
-    leaf, corner = np.divmod(np.unique(leaves[:, None] * n_vertices + solid.tetrahedra), n_vertices)
-    around = solid.vertices - solid.vertices.mean(axis=0)
-    return np.split(around[corner], np.searchsorted(leaf, np.arange(1, count)))
 
 
 def build_hierarchy(

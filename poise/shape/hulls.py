@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from poise.kernels import COMPILED, hulls_of_clusters
 from poise.types import Array, Indices
 
 
@@ -39,6 +40,14 @@ class Hulls(NamedTuple):
 
     reach: Array
     points: Array
+
+    @classmethod
+    def of_clusters(cls, points: Array, tetrahedra: Indices, clusters: Indices, count: int) -> "Hulls":
+        """Hulls of the tetrahedra (T, 4), among points (N, 3) m, in each of the clusters (T,), none empty."""
+        if COMPILED:
+            return cls(*hulls_of_clusters(points, tetrahedra, clusters, count, _DIRECTIONS))
+        cluster, corner = np.divmod(np.unique(clusters[:, None] * len(points) + tetrahedra), len(points))
+        return cls.of(np.split(points[corner], np.searchsorted(cluster, np.arange(1, count))))
 
     @classmethod
     def of(cls, sets: list[Array]) -> "Hulls":
