@@ -15,7 +15,7 @@ _STEPS = ("rounds", "noise_rounds", "second_look", "neighbours", "together")
 _NUMBERS = ("noise", "spacing", "smooth", "band_sigmas", "band_spacings", "least_step", "most_step")
 _SHARES = ("good", "thick_good", "haste", "cube")
 _POINTERS = ("triangle", "use", "edge", "which", "within", "errors", "points", "places", "seen", "made")
-_CUBE = 1.0
+_CUBE = 1.5
 """Spacings of the grid that nearest places are looked for in."""
 
 
