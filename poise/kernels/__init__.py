@@ -4,9 +4,9 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `bounds`: least squares with bounds. `carving`: balls and tetrahedra. `chain`: forward kinematics. `clocks`: sums at many lags. `clusters`: of points.
-- `lookup`: points in depth images. `matching`: surfaces moved to their points. `merging`: clusters.
-- `neighbours`: the nearest points, and tetrahedra between them.
+- `bounds`: least squares with bounds. `carving`: balls and tetrahedra. `chain`: forward kinematics.
+- `clocks`: sums at many lags. `clusters`: of points. `lookup`: points in depth images.
+- `matching`: surfaces moved to their points. `merging`: clusters. `neighbours`: nearest points, tetrahedra.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
   `sums`: normal equations.

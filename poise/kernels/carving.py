@@ -1,8 +1,10 @@
 """Ways of balls into tetrahedra, sides of points on surfaces, and pockets."""
 
 import ctypes
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.kernels.arrays import address, check, contiguous
 from poise.kernels.library import library
@@ -31,7 +33,11 @@ def ways_in(points: Array, tetrahedra: Indices, beside: Indices) -> Ways:
     at = contiguous(points, -1, 3, what="points")
     corners = row_numbers(tetrahedra, 4, len(at))
     behind = row_numbers(beside + 1, 4, len(corners) + 1) - 1
-    reach, order, parent = np.empty(len(corners)), np.empty(len(corners), np.int64), np.empty(len(corners) + 1, np.int64)
+    reach, order, parent = (
+        np.empty(len(corners)),
+        np.empty(len(corners), np.int64),
+        np.empty(len(corners) + 1, np.int64),
+    )
     found = np.zeros(1, np.int64)
     given = address(at), len(corners), address(corners), address(behind)
     check(library.poise_reach(*given, *map(address, (reach, order, parent, found))))
@@ -53,8 +59,8 @@ def normals_of_planes(points: Array, near: Indices, known: Mask, outward: Array)
     side = contiguous(outward, len(at), 3, what="outward")
     neighbours = row_numbers(near.reshape(len(at), -1), near.shape[1], len(at))
     shown, normals = np.array(np.broadcast_to(known, len(at)), np.uint8), np.empty_like(at)
-    arrays = map(address, (side, shown, normals))
-    check(library.poise_oriented_normals(len(at), address(at), near.shape[1], address(neighbours), *arrays))
+    arrays = address(neighbours), address(side), address(shown), address(normals)
+    check(library.poise_oriented_normals(len(at), address(at), near.shape[1], *arrays))
     return normals
 
 
@@ -86,7 +92,7 @@ def opened_pockets(
     """
     at, (reach, order, parent) = contiguous(points, -1, 3, what="points"), ways
     count = len(tetrahedra)
-    given = {
+    given: dict[str, NDArray[Any]] = {
         **{"points": at, "facing": contiguous(facing, len(at), 3, what="normals")},
         "reach": contiguous(reach, count, what="radii"),
         **{"deep": np.array(np.broadcast_to(deep, len(at)), np.uint8), "inside": np.array(inside, np.uint8)},

@@ -2,8 +2,10 @@
 
 import ctypes
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.kernels.arrays import address, check, contiguous
@@ -60,10 +62,10 @@ def matched_places(
         (V, 3) m places, the noise, m, and the distances of observed and of drawn points that are near, m outwards.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of vertices and triangles that are not there.
+        InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of what is not there.
     """
     found = np.array(contiguous(places, -1, 3, what="places"))
-    given = {
+    given: dict[str, NDArray[Any]] = {
         **{"triangle": row_numbers(triangles, 3, len(found)), "edge": row_numbers(edges, 2, len(found))},
         **{"which": row_numbers(drawn.which[:, None], 1, len(triangles)), "use": np.unique(triangles)},
         "within": contiguous(drawn.within, len(drawn.which), 3, what="weights of corners"),
@@ -89,6 +91,12 @@ def row_numbers(rows: Indices, columns: int, most: int) -> Indices:
         InputError: TYPE_MISMATCH for others.
     """
     numbers = np.ascontiguousarray(rows, dtype=np.int64)
-    if numbers.ndim != 2 or numbers.shape[1] != columns or (len(numbers) and not 0 <= numbers.min() <= numbers.max() < most):
-        raise InputError(ErrorCode.TYPE_MISMATCH, f"numbers of shape {numbers.shape} for {columns} columns below {most}")
+    if (
+        numbers.ndim != 2
+        or numbers.shape[1] != columns
+        or (len(numbers) and not 0 <= numbers.min() <= numbers.max() < most)
+    ):
+        raise InputError(
+            ErrorCode.TYPE_MISMATCH, f"numbers of shape {numbers.shape} for {columns} columns below {most}"
+        )
     return numbers

@@ -18,8 +18,8 @@ def tetrahedra_of(points: Array) -> tuple[Indices, Indices]:
     Coordinates count to 2^-24 of the largest extent; of points that are the same to that, one is used.
 
     Returns:
-        (T, 4) points of each tetrahedron, increasing, in lexicographic order; and (T, 4) the tetrahedron behind the face
-        opposite each, -1 for none.
+        (T, 4) points of each tetrahedron, increasing, in lexicographic order; and (T, 4) the tetrahedron behind the
+        face opposite each, -1 for none.
 
     Raises:
         InputError: TYPE_MISMATCH for arrays of other shapes.

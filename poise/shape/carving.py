@@ -291,7 +291,9 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     near = nearest(points, points, min(_PLANE, count))[1]
     a, b, c = (points[facets[:, k]] for k in range(3))
     across = cross(b - a, c - a)
-    sums = np.stack([np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1)
+    sums: Array = np.stack(
+        [np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1
+    ).astype(np.float64)
     known = np.bincount(facets.ravel(), minlength=count) > 0
     if COMPILED:
         return normals_of_planes(points, near, known, sums)
@@ -319,8 +321,8 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
 def _reach(points: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
     """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside.
 
-    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of equal
-    ways it has the first.
+    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of
+    equal ways it has the first.
 
     Returns:
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and

@@ -239,9 +239,9 @@ def _folds(graph: SurfaceGraph, point_leaves: Indices, count: int) -> tuple[Indi
     i, j = point_leaves[graph.edges].T
     across = i != j
     border = np.minimum(i, j)[across] * count + np.maximum(i, j)[across]
-    sums, edges = np.bincount(border, graph.creases[across]), np.bincount(border)
-    present = np.flatnonzero(edges)
-    return np.stack(np.divmod(present, count), axis=1), sums[present], edges[present].astype(np.float64)
+    present, which = np.unique(border, return_inverse=True)
+    sums, edges = np.bincount(which, graph.creases[across]), np.bincount(which).astype(np.float64)
+    return np.stack(np.divmod(present, count), axis=1), sums.astype(np.float64), edges
 
 
 def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
