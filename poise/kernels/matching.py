@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.kernels.arrays import address, check, contiguous
 from poise.kernels.library import library
+from poise.kernels.neighbours import finite
 from poise.types import Array, Indices
 
 _COUNTS = ("vertices", "triangles", "used", "edges", "drawn", "observed")
@@ -62,15 +63,15 @@ def matched_places(
         (V, 3) m places, the noise, m, and the distances of observed and of drawn points that are near, m outwards.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of what is not there.
+        InputError: TYPE_MISMATCH for arrays of other shapes or not finite, or for numbers of what is not there.
     """
-    found = np.array(contiguous(places, -1, 3, what="places"))
+    found = np.array(finite(places, "places"))
     given: dict[str, NDArray[Any]] = {
         **{"triangle": row_numbers(triangles, 3, len(found)), "edge": row_numbers(edges, 2, len(found))},
         **{"which": row_numbers(drawn.which[:, None], 1, len(triangles)), "use": np.unique(triangles)},
         "within": contiguous(drawn.within, len(drawn.which), 3, what="weights of corners"),
         "errors": contiguous(drawn.errors, len(drawn.which), 3, what="errors"),
-        "points": contiguous(observed, -1, 3, what="observed points"),
+        "points": finite(observed, "observed points"),
         **{"places": found, "seen": np.empty(len(observed)), "made": np.empty(len(drawn.which))},
     }
     counts = (len(found), len(triangles), len(given["use"]), len(edges), len(drawn.which), len(observed))

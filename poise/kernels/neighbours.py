@@ -12,6 +12,18 @@ _ROOM = 12
 """Tetrahedra for each point that there is room for at first: on surfaces there are about 6."""
 
 
+def finite(points: Array, what: str) -> Array:
+    """Points (N, 3) in C order.
+
+    Raises:
+        InputError: TYPE_MISMATCH for arrays of other shapes, or not finite.
+    """
+    at = contiguous(points, -1, 3, what=what)
+    if not np.isfinite(at).all():
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{what} that are not finite")
+    return at
+
+
 def tetrahedra_of(points: Array) -> tuple[Indices, Indices]:
     """Delaunay tetrahedra of points (N, 3); needs `COMPILED`. See `poise.shape.carving`, which does the same.
 
@@ -22,10 +34,10 @@ def tetrahedra_of(points: Array) -> tuple[Indices, Indices]:
         face opposite each, -1 for none.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes.
+        InputError: TYPE_MISMATCH for arrays of other shapes, or not finite.
         numpy.linalg.LinAlgError: the points lie in one plane.
     """
-    at = contiguous(points, -1, 3, what="points")
+    at = finite(points, "points")
     room, found = _ROOM * len(at), np.zeros(1, np.int64)
     while True:
         tetrahedra, beside = np.empty((room, 4), np.int64), np.empty((room, 4), np.int64)
@@ -49,9 +61,9 @@ def nearest_of(points: Array, places: Array, count: int, cube: float) -> tuple[A
         (M, K) m, and (M, K) points, nearest first.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes, or more neighbours than there are.
+        InputError: TYPE_MISMATCH for arrays of other shapes, or not finite, or more neighbours than there are.
     """
-    at, asked = contiguous(points, -1, 3, what="points"), contiguous(places, -1, 3, what="places")
+    at, asked = finite(points, "points"), finite(places, "places")
     if not 0 < count <= min(len(at), _MOST):
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{count} of {len(at)} points")
     numbers, distances = np.empty((len(asked), count), np.int64), np.empty((len(asked), count))
@@ -70,9 +82,9 @@ def side_averages(points: Array, normals: Array, radius: float, rounds: int) -> 
         rounds: of averaging.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes.
+        InputError: TYPE_MISMATCH for arrays of other shapes, or not finite.
     """
-    at = contiguous(points, -1, 3, what="points")
+    at = finite(points, "points")
     found = np.array(contiguous(normals, len(at), 3, what="normals"))
     check(library.poise_side_normals(len(at), address(at), radius, rounds, address(found)))
     return found
