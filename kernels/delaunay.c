@@ -309,7 +309,14 @@ static int arrange(mesh *m, int64_t n, int32_t *order) {
   return 1;
 }
 
-/* The vertices of each cell in increasing order, and the cells in the order of these; -1 beyond the hull. */
+static void exchange(cell *c, int i, int j) {
+  const int32_t vertex = c->vertex[i], beside = c->beside[i];
+  c->vertex[i] = c->vertex[j], c->beside[i] = c->beside[j];
+  c->vertex[j] = vertex, c->beside[j] = beside;
+}
+
+/* The cells in the order of their vertices, these increasing, but for the first two where that makes them right-handed;
+   the side of flat ones follows from their neighbours. -1 beyond the hull. */
 static int64_t hand_out(mesh *m, int64_t n, int64_t *tetrahedra, int64_t *beside) {
   int64_t count = 0;
   int32_t *own = m->stack, *other = m->dying, *place = m->spare;
@@ -318,12 +325,11 @@ static int64_t hand_out(mesh *m, int64_t n, int64_t *tetrahedra, int64_t *beside
     place[k] = -1;
     if (c->vertex[0] == -2 || outer_corner(c) >= 0) continue;
     own[count++] = (int32_t)k;
+    m->tested[k] = 1; /* whether it is left-handed */
     for (int i = 1; i < 4; i++)
       for (int j = i; j > 0 && c->vertex[j] < c->vertex[j - 1]; j--) {
-        int32_t kept = c->vertex[j];
-        c->vertex[j] = c->vertex[j - 1], c->vertex[j - 1] = kept;
-        kept = c->beside[j];
-        c->beside[j] = c->beside[j - 1], c->beside[j - 1] = kept;
+        exchange(c, j, j - 1);
+        m->tested[k] = !m->tested[k];
       }
   }
   int64_t *start = calloc((size_t)n + 1, sizeof *start);
@@ -337,7 +343,10 @@ static int64_t hand_out(mesh *m, int64_t n, int64_t *tetrahedra, int64_t *beside
     own = other, other = kept;
   }
   free(start);
-  for (int64_t k = 0; k < count; k++) place[own[k]] = (int32_t)k;
+  for (int64_t k = 0; k < count; k++) {
+    place[own[k]] = (int32_t)k;
+    if (m->tested[own[k]]) exchange(m->cells + own[k], 0, 1);
+  }
   for (int64_t k = 0; k < count; k++)
     for (int i = 0; i < 4; i++) {
       tetrahedra[4 * k + i] = m->cells[own[k]].vertex[i];
@@ -391,8 +400,8 @@ done:
   return status;
 }
 
-/* Of points (n, 3), finite. At most `room` tetrahedra (room, 4) are written, vertices increasing, in lexicographic
-   order, with the one behind the face opposite each vertex, -1 for none; found (1,): how many there are, and nothing is
+/* Of points (n, 3), finite. At most `room` tetrahedra (room, 4) are written, as by `hand_out`, with the one behind the
+   face opposite each vertex, -1 for none; found (1,): how many there are, and nothing is
    written if they are more. POISE_SINGULAR: the points lie in a plane. */
 POISE_EXPORT int64_t poise_delaunay(int64_t n, const double *points, int64_t room, int64_t *tetrahedra, int64_t *beside,
                                     int64_t *found) {

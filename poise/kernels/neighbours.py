@@ -30,8 +30,9 @@ def tetrahedra_of(points: Array) -> tuple[Indices, Indices]:
     Coordinates count to 2^-24 of the largest extent; of points that are the same to that, one is used.
 
     Returns:
-        (T, 4) points of each tetrahedron, increasing, in lexicographic order; and (T, 4) the tetrahedron behind the
-        face opposite each, -1 for none.
+        (T, 4) points of each tetrahedron, and (T, 4) the one behind the face opposite each, -1 for none. The tetrahedra
+        are right-handed, where they are flat as their neighbours say. The points of each are in increasing order,
+        but for the first two; and the tetrahedra in that of their increasing points.
 
     Raises:
         InputError: TYPE_MISMATCH for arrays of other shapes, or not finite.

@@ -46,8 +46,8 @@ _FACETS = 8
 _PLANE = 12
 """Points that a normal is found from."""
 _FEWEST_POINTS = 20
-_FLAT = 1e-6
-"""Thickness over length below which there is a plane."""
+_PLANE_LIKE, _FLAT = 1e-6, 1e-8
+"""Thickness over length below which all points are in a plane; and those of a tetrahedron, for each squared spacing."""
 _TINY = 1e-30
 
 
@@ -96,11 +96,9 @@ class Stone:
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
             ) from error
-        left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
-        for rows in (tetrahedra, neighbours):
-            rows[left_handed, :2] = rows[left_handed, 1::-1]
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
-        self._volumes = tetrahedron_volumes(points[tetrahedra])
+        self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
+        self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * spacing**2
         reach, order, parents = _reach(points, tetrahedra, neighbours)
         self._tree = reach / spacing, order, parents
 
@@ -109,14 +107,13 @@ class Stone:
         cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
         small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
-        small = (reach <= _BALL) & (self._volumes > 0)
-        opening = bool(larger) and bare_share(_solid(*cells, small)) < _SHEETS
+        opening = bool(larger) and bare_share(_solid(*cells, self._peeled(reach <= _BALL))) < _SHEETS
         ball = _BALL if opening else max([_BALL, *larger])
-        inside = reach <= ball
+        inside = self._peeled(reach <= ball)
         if depth is not None:
-            inside = reach <= _LARGEST_BALL
-            inside &= ~_pockets(*cells, self._tree, inside, ball, depth, normals)
-        found = _solid(*cells, inside & (self._volumes > 0))
+            inside = self._peeled(reach <= _LARGEST_BALL)
+            inside = self._peeled(inside & ~_pockets(*cells, self._tree, inside, ball, depth, normals))
+        found = _solid(*cells, inside)
         if not len(found.tetrahedra):
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
@@ -124,6 +121,18 @@ class Stone:
         behind = largest_ball - small_ball if opening else 0.0
         spread = _doubt(self._volume, ball, found.volume, behind)
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
+
+    def _peeled(self, inside: Mask) -> Mask:
+        """(T,) what is inside without flat tetrahedra at its surface: between points of a plane, they hide some of them."""
+        kept = np.append(inside, False)
+        flat = np.flatnonzero(inside & (self._volumes <= self._flat))
+        while len(flat):
+            bare = ~kept[self._neighbours[flat]].all(axis=1)
+            if not bare.any():
+                break
+            kept[flat[bare]] = False
+            flat = flat[~bare]
+        return np.asarray(kept[:-1])
 
     def _volume(self, ball: float) -> float:
         """m3 that a ball of some radius, in spacings, leaves."""
@@ -138,7 +147,7 @@ def _delaunay(points: Array) -> tuple[Indices, Indices]:
     """
     if COMPILED:
         flatness = np.linalg.eigvalsh(points.T @ points)
-        if not flatness[0] > _FLAT**2 * flatness[2]:
+        if not flatness[0] > _PLANE_LIKE**2 * flatness[2]:
             raise np.linalg.LinAlgError("the points lie in one plane")
         return tetrahedra_of(points)
     made = Delaunay(points)
@@ -147,7 +156,11 @@ def _delaunay(points: Array) -> tuple[Indices, Indices]:
     order = row_order(tetrahedra)
     number = np.full(len(order) + 1, -1)
     number[order] = np.arange(len(order))
-    return tetrahedra[order], number[np.take_along_axis(made.neighbors, increasing, axis=1)[order]]
+    tetrahedra, neighbours = tetrahedra[order], number[np.take_along_axis(made.neighbors, increasing, axis=1)[order]]
+    left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
+    for rows in (tetrahedra, neighbours):
+        rows[left_handed, :2] = rows[left_handed, 1::-1]
+    return tetrahedra, neighbours
 
 
 def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
