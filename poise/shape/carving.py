@@ -123,7 +123,7 @@ class Stone:
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
 
     def _peeled(self, inside: Mask) -> Mask:
-        """(T,) what is inside without flat tetrahedra at its surface: between points of a plane, they hide some of them."""
+        """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
         kept = np.append(inside, False)
         flat = np.flatnonzero(inside & (self._volumes <= self._flat))
         while len(flat):

@@ -51,7 +51,7 @@ class MergeCosts:
     least: float = 0.01
     shading: float = 0.0
     one_colour: float = 1.0
-    smooth: float = 0.1
+    smooth: float = 0.2
 
 
 @dataclass(frozen=True)

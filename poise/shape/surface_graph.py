@@ -9,7 +9,6 @@ from poise.geometry import cross, lengths, unique_rows
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
-
 _SLIT = 1.5
 """Fold inwards above which there is no fold, but a bubble in the noise, whose sides face each other."""
 

@@ -1,6 +1,6 @@
 """The compiled kernels of solids and parts against their forms in Python, and with bad input."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -59,13 +59,13 @@ def in_python(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
 
 @pytest.fixture
-def both(in_python: Callable[[], None]) -> Iterator[Callable[[Callable[[], Any]], tuple[Any, Any]]]:
+def both(in_python: Callable[[], None]) -> Callable[[Callable[[], Any]], tuple[Any, Any]]:
     def run(what: Callable[[], Any]) -> tuple[Any, Any]:
         compiled = what()
         in_python()
         return compiled, what()
 
-    yield run
+    return run
 
 
 @pytest.mark.parametrize("coloured", [True, False])
