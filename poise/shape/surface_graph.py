@@ -9,9 +9,6 @@ from poise.geometry import cross, lengths, unique_rows
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
-_SLIT = 1.5
-"""Fold inwards above which there is no fold, but a bubble in the noise, whose sides face each other."""
-
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGraph:
@@ -21,7 +18,7 @@ class SurfaceGraph:
         edges: (E, 2) vertex numbers; a vertex that is not on the surface hangs on the nearest that is.
         normals: (V, 3) outward unit normals.
         creases: (E,) how far the surface folds between the ends of an edge, 0..2: positive where it folds inwards, as
-            where two parts meet (the minima rule, thesis section 3.2.1), negative where it folds outwards; 0 in a slit.
+            where two parts meet (the minima rule, thesis section 3.2.1), negative where it folds outwards.
     """
 
     edges: Indices
@@ -39,8 +36,7 @@ def surface_graph(solid: Solid) -> SurfaceGraph:
         nearest = outer[cKDTree(points[outer]).query(points[inner])[1]]
         normals[inner] = normals[nearest]
         edges = np.concatenate([edges, np.stack([inner, nearest], axis=1)])
-    creases = folds(points, normals, edges[:, 0], edges[:, 1])
-    return SurfaceGraph(edges, normals, np.where(creases > _SLIT, 0.0, creases))
+    return SurfaceGraph(edges, normals, folds(points, normals, edges[:, 0], edges[:, 1]))
 
 
 def surface_edges(solid: Solid) -> Indices:
