@@ -4,8 +4,9 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `bounds`: least squares with bounds. `chain`: forward kinematics. `clocks`: sums at many lags.
-- `lookup`: points in depth images.
+- `bounds`: least squares with bounds. `carving`: balls and tetrahedra. `chain`: forward kinematics.
+- `clocks`: sums at many lags. `clusters`: of points. `lookup`: points in depth images.
+- `matching`: surfaces moved to their points. `merging`: clusters. `neighbours`: nearest points, tetrahedra.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
   `sums`: normal equations.
@@ -19,9 +20,14 @@ from poise.kernels.library import COMPILED
 
 if TYPE_CHECKING:
     from poise.kernels.bounds import bounded_minimum
+    from poise.kernels.carving import normals_of_planes, opened_pockets, ways_in
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
+    from poise.kernels.clusters import clustered_points
     from poise.kernels.lookup import CompiledLookup, pixels_between
+    from poise.kernels.matching import Drawn, matched_places
+    from poise.kernels.merging import hulls_of_clusters, merged_clusters
+    from poise.kernels.neighbours import nearest_of, side_averages, tetrahedra_of
     from poise.kernels.records import find_records
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
     from poise.kernels.robust import robust_fit
@@ -39,17 +45,28 @@ __all__ = [
     "CompiledLookup",
     "CompiledSearch",
     "CompiledSplines",
+    "Drawn",
     "SearchAnswer",
     "between_stops",
     "bounded_minimum",
     "chain_motion",
     "clock_sums",
+    "clustered_points",
     "find_records",
+    "hulls_of_clusters",
     "innovation_squares",
     "innovations",
+    "matched_places",
+    "merged_clusters",
+    "nearest_of",
+    "normals_of_planes",
+    "opened_pockets",
     "pendulum",
     "pixels_between",
     "robust_fit",
+    "side_averages",
+    "tetrahedra_of",
+    "ways_in",
     "weighed_sums",
 ]
 
@@ -66,12 +83,23 @@ _FILES = {
     "Chain": "chain",
     "chain_motion": "chain",
     "clock_sums": "clocks",
+    "clustered_points": "clusters",
     "find_records": "records",
     "between_stops": "recursions",
     "innovation_squares": "recursions",
     "innovations": "recursions",
     "pendulum": "recursions",
     "CompiledSplines": "smoothing",
+    "Drawn": "matching",
+    "matched_places": "matching",
+    "hulls_of_clusters": "merging",
+    "merged_clusters": "merging",
+    "nearest_of": "neighbours",
+    "side_averages": "neighbours",
+    "tetrahedra_of": "neighbours",
+    "normals_of_planes": "carving",
+    "opened_pockets": "carving",
+    "ways_in": "carving",
     "robust_fit": "robust",
 }
 

@@ -52,6 +52,16 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
     "poise_cones_renew": (None, [_POINTER]),
     "poise_cones_free": (None, [_POINTER]),
+    "poise_delaunay": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 3]),
+    "poise_clusters": (_INT, [_POINTER]),
+    "poise_nearest": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER, _INT, *[_POINTER] * 2]),
+    "poise_side_normals": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER]),
+    "poise_hulls": (_INT, [_INT, _POINTER, _INT, _POINTER, _POINTER, _INT, _INT, *[_POINTER] * 3]),
+    "poise_reach": (_INT, [_POINTER, _INT, *[_POINTER] * 6]),
+    "poise_oriented_normals": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 4]),
+    "poise_pockets": (None, [_POINTER]),
+    "poise_match": (_INT, [_POINTER]),
+    "poise_merge": (_INT, [_POINTER]),
 }
 
 

@@ -15,8 +15,10 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import cross, lengths
+from poise.geometry import cross, lengths, row_order
+from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
 from poise.shape.coverage import bare_share
+from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices, Mask
 
@@ -44,12 +46,14 @@ _FACETS = 8
 _PLANE = 12
 """Points that a normal is found from."""
 _FEWEST_POINTS = 20
+_PLANE_LIKE, _FLAT = 1e-6, 1e-8
+"""Thickness over length below which all points are in a plane; and those of a tetrahedron, for each squared spacing."""
 _TINY = 1e-30
 
 
 def spacing_of(points: Array) -> float:
     """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = cKDTree(points).query(points, k=_NEIGHBOURS + 1)[0]
+    distances = nearest(points, points, _NEIGHBOURS + 1)[0]
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
@@ -87,18 +91,15 @@ class Stone:
             )
         spacing = spacing_of(points) if spacing is None else spacing
         try:
-            delaunay = Delaunay(points - points.mean(axis=0))
-        except QhullError as error:
+            tetrahedra, neighbours = _delaunay(points - points.mean(axis=0))
+        except (QhullError, np.linalg.LinAlgError) as error:
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
             ) from error
-        tetrahedra, neighbours = delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
-        left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
-        for rows in (tetrahedra, neighbours):
-            rows[left_handed, :2] = rows[left_handed, 1::-1]
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
-        self._volumes = tetrahedron_volumes(points[tetrahedra])
-        reach, order, parents = _reach(points[tetrahedra], neighbours)
+        self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
+        self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * spacing**2
+        reach, order, parents = _reach(points, tetrahedra, neighbours)
         self._tree = reach / spacing, order, parents
 
     def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
@@ -106,14 +107,13 @@ class Stone:
         cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
         small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
-        small = (reach <= _BALL) & (self._volumes > 0)
-        opening = bool(larger) and bare_share(_solid(*cells, small)) < _SHEETS
+        opening = bool(larger) and bare_share(_solid(*cells, self._peeled(reach <= _BALL))) < _SHEETS
         ball = _BALL if opening else max([_BALL, *larger])
-        inside = reach <= ball
+        inside = self._peeled(reach <= ball)
         if depth is not None:
-            inside = reach <= _LARGEST_BALL
-            inside &= ~_pockets(*cells, self._tree, inside, ball, depth, normals)
-        found = _solid(*cells, inside & (self._volumes > 0))
+            inside = self._peeled(reach <= _LARGEST_BALL)
+            inside = self._peeled(inside & ~_pockets(*cells, self._tree, inside, ball, depth, normals))
+        found = _solid(*cells, inside)
         if not len(found.tetrahedra):
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
@@ -122,9 +122,45 @@ class Stone:
         spread = _doubt(self._volume, ball, found.volume, behind)
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
 
+    def _peeled(self, inside: Mask) -> Mask:
+        """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
+        kept = np.append(inside, False)
+        flat = np.flatnonzero(inside & (self._volumes <= self._flat))
+        while len(flat):
+            bare = ~kept[self._neighbours[flat]].all(axis=1)
+            if not bare.any():
+                break
+            kept[flat[bare]] = False
+            flat = flat[~bare]
+        return np.asarray(kept[:-1])
+
     def _volume(self, ball: float) -> float:
         """m3 that a ball of some radius, in spacings, leaves."""
         return float(self._volumes[self._tree[0] <= ball].sum())
+
+
+def _delaunay(points: Array) -> tuple[Indices, Indices]:
+    """(T, 4) Delaunay tetrahedra of points (N, 3), and (T, 4) those behind the faces; laid out as by `tetrahedra_of`.
+
+    Raises:
+        QhullError, numpy.linalg.LinAlgError: the points lie in one plane.
+    """
+    if COMPILED:
+        flatness = np.linalg.eigvalsh(points.T @ points)
+        if not flatness[0] > _PLANE_LIKE**2 * flatness[2]:
+            raise np.linalg.LinAlgError("the points lie in one plane")
+        return tetrahedra_of(points)
+    made = Delaunay(points)
+    increasing = np.argsort(made.simplices, axis=1)
+    tetrahedra = np.take_along_axis(made.simplices, increasing, axis=1).astype(np.int64)
+    order = row_order(tetrahedra)
+    number = np.full(len(order) + 1, -1)
+    number[order] = np.arange(len(order))
+    tetrahedra, neighbours = tetrahedra[order], number[np.take_along_axis(made.neighbors, increasing, axis=1)[order]]
+    left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
+    for rows in (tetrahedra, neighbours):
+        rows[left_handed, :2] = rows[left_handed, 1::-1]
+    return tetrahedra, neighbours
 
 
 def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
@@ -177,6 +213,9 @@ def _pockets(
     if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
         return nothing
     facing = normals if normals is not None else oriented_normals(points, facets)
+    if COMPILED:
+        numbers = {"ball": ball, "smallest": _POCKET, "prior": _PRIOR, "cost": _COST}
+        return opened_pockets(points, tetrahedra, tree, inside, deep, facing, numbers)
     corners = points[tetrahedra]
     toward = corners.mean(axis=1)[:, None] - corners
     toward /= np.maximum(lengths(toward), 1e-30)[..., None]
@@ -262,13 +301,18 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
         facets: (F, 3) triangles around the solid, counter-clockwise from outside; they show the side of their corners.
     """
     count = len(points)
-    near = cKDTree(points).query(points, k=min(_PLANE, count))[1]
-    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+    near = nearest(points, points, min(_PLANE, count))[1]
     a, b, c = (points[facets[:, k]] for k in range(3))
     across = cross(b - a, c - a)
-    sums = np.stack([np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1)
-    shown = np.unique(facets)
+    sums: Array = np.stack(
+        [np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1
+    ).astype(np.float64)
+    known = np.bincount(facets.ravel(), minlength=count) > 0
+    if COMPILED:
+        return normals_of_planes(points, near, known, sums)
+    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
+    shown = np.flatnonzero(known)
     normals[shown] *= np.where(np.einsum("ij,ij->i", normals[shown], sums[shown]) < 0, -1.0, 1.0)[:, None]
     i, j = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
     bend = 1.01 - np.abs(np.einsum("ij,ij->i", normals[i], normals[j]))
@@ -278,8 +322,6 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
         shape=(count + 1, count + 1),
     ).tocsr()
     order, parents = breadth_first_order(minimum_spanning_tree(graph), count, directed=False)
-    known = np.zeros(count, bool)
-    known[shown] = True
     below = order[1:][~known[order[1:]]]
     turned = np.einsum("ij,ij->i", normals[below], normals[parents[below]]) < 0
     inwards = np.zeros(count, bool).tolist()
@@ -289,16 +331,19 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     return np.asarray(normals)
 
 
-def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices]:
+def _reach(points: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
     """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside.
 
-    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius.
+    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of
+    equal ways it has the first.
 
     Returns:
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and
         (T + 1,) that one, T for the outside.
     """
-    count = len(corners)
+    if COMPILED:
+        return ways_in(points, tetrahedra, neighbours)
+    corners, count = points[tetrahedra], len(tetrahedra)
     inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
     outer = neighbours[inner, face]
     own = _circumradius_of_tetrahedra(corners)
@@ -310,11 +355,13 @@ def _reach(corners: Array, neighbours: Indices) -> tuple[Array, Indices, Indices
     ends = np.flatnonzero(widest)
     inner, outer = np.append(inner[~out], ends), np.append(outer[~out], np.full(len(ends), count))
     width = np.maximum(np.append(width[~out], widest[ends]), _TINY)
-    tree = minimum_spanning_tree(csr_array((1 / width, (inner, outer)), shape=(count + 1,) * 2))
+    rank = np.empty(len(width))
+    rank[np.argsort(-width, kind="stable")] = np.arange(1, len(width) + 1)
+    tree = minimum_spanning_tree(csr_array((rank, (inner, outer)), shape=(count + 1,) * 2))
     order, parent = breadth_first_order(tree, count, directed=False)
     one, other = tree.nonzero()
     to_parent = np.full(count + 1, np.inf)
-    to_parent[np.where(parent[one] == other, one, other)] = 1 / tree.data
+    to_parent[np.where(parent[one] == other, one, other)] = np.sort(width)[::-1][tree.data.astype(np.int64) - 1]
     return _least_to_root(to_parent, np.append(parent[:count], count))[:count], order[1:], parent
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.shape.hulls import Hulls
+from poise.kernels import COMPILED, merged_clusters
+from poise.shape.hulls import TRIANGLES, Hulls
 from poise.shape.lighting import colour_noise, colour_steps
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
@@ -24,6 +25,8 @@ _FOLDED = 0.3
 """Mean fold along a border from which on it folds inwards, as where two parts meet; walls of a cup fold in and out."""
 _ONE_COLOUR = 0.1
 """Distance of colours below which they are one."""
+_MOST_COMPILED = 1000
+"""Leaves whose pairs have a table each."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,8 @@ class _Clusters:
         most = 2 * count - 1
         self._volume, self._hull, self._weight = (np.zeros(most) for _ in range(3))
         self._colour = np.zeros((most, 3))
-        first = Hulls.of(_corners(solid, leaves, count))
+        around = solid.vertices - solid.vertices.mean(axis=0)
+        first = Hulls.of_clusters(around, solid.tetrahedra, leaves, count)
         self._hulls = Hulls(*(np.concatenate([part, np.zeros((count - 1, *part.shape[1:]))]) for part in first))
         self._volume[:count] = np.bincount(leaves, solid.volumes, minlength=count) / self._total
         self._hull[:count] = np.maximum(first.volumes / self._total, self._volume[:count])
@@ -121,16 +125,24 @@ class _Clusters:
         self._weight[:count] = np.maximum(sizes, 1) / len(point_leaves)
         self.touching: dict[int, set[int]] = {leaf: set() for leaf in range(count)}
         self.next = count
-        self._folds: dict[tuple[int, int], tuple[float, int]] = {}  # sum and number of edges across each border
+        self._folds: dict[tuple[int, int], tuple[float, float]] = {}  # sum and number of edges across each border
 
     def meet(self, i: int, j: int) -> None:
         self.touching[i].add(j)
         self.touching[j].add(i)
 
-    def add_fold(self, i: int, j: int, fold: float, edges: int) -> None:
-        key = (min(i, j), max(i, j))
-        total, count = self._folds.get(key, (0.0, 0))
-        self._folds[key] = (total + fold, count + edges)
+    def add_folds(self, i: int, j: int, folds: float, edges: float) -> None:
+        self._folds[i, j] = folds, edges
+
+    def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
+        """As `_merge_all`."""
+        known = {"reach": self._hulls.reach, "points": self._hulls.points, "volume": self._volume}
+        known |= {"hull": self._hull, "shade": self._colour, "weight": self._weight}
+        numbers = {"noise": self._noise, "total": self._total, "folded": _FOLDED, "alike": _ONE_COLOUR}
+        numbers |= {"haste": _HASTE, "few": _FEWEST_EDGES, **vars(self.costs)}
+        rows, costs = merged_clusters(pairs, borders, TRIANGLES, known, numbers)
+        steps = zip(rows.tolist(), costs.tolist(), strict=True)
+        return [Merge(i, j, self.next + step, cost) for step, ((i, j), cost) in enumerate(steps)]
 
     def merging(self, i: Indices, j: Indices) -> tuple[Array, Array]:
         """(K,) what merging clusters i and j (K,) costs: what lies between them, and the hollow (eq. 3.27); the hulls.
@@ -177,22 +189,14 @@ class _Clusters:
         self._colour[parent] = shades / self._weight[parent]
         self.touching[parent] = (self.touching.pop(i) | self.touching.pop(j)) - {i, j}
         for k in self.touching[parent]:
-            fold, edges = 0.0, 0
+            fold, edges = 0.0, 0.0
             for child in (i, j):
                 self.touching[k].discard(child)
-                more, count = self._folds.pop((min(child, k), max(child, k)), (0.0, 0))
+                more, count = self._folds.pop((min(child, k), max(child, k)), (0.0, 0.0))
                 fold, edges = fold + more, edges + count
             self._folds[k, parent] = fold, edges
             self.touching[k].add(parent)
         return parent
-
-
-def _corners(solid: Solid, leaves: Indices, count: int) -> list[Array]:
-    """The corners (N, 3) m of the tetrahedra of each leaf, from the middle of the solid."""
-    n_vertices = len(solid.vertices)
-    leaf, corner = np.divmod(np.unique(leaves[:, None] * n_vertices + solid.tetrahedra), n_vertices)
-    around = solid.vertices - solid.vertices.mean(axis=0)
-    return np.split(around[corner], np.searchsorted(leaf, np.arange(1, count)))
 
 
 def build_hierarchy(
@@ -215,19 +219,37 @@ def build_hierarchy(
     """
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
+    pairs, borders = _touching(solid, leaves, n_leaves), _folds(graph, point_leaves, n_leaves)
+    compiled = COMPILED and n_leaves <= _MOST_COMPILED
+    merges = clusters.merged_compiled(pairs, borders) if compiled else _merge_all(clusters, pairs, borders)
+    return Hierarchy(n_leaves, tuple(merges))
+
+
+def _touching(solid: Solid, leaves: Indices, count: int) -> Indices:
+    """(K, 2) leaves that share a face, the lower first."""
     owner, behind = np.repeat(np.arange(len(leaves)), 4), solid.neighbours.ravel()
-    faces = np.stack([leaves[owner[behind >= 0]], leaves[behind[behind >= 0]]], axis=1)
-    for i, j in np.unique(faces[faces[:, 0] < faces[:, 1]], axis=0).tolist():
+    i, j = leaves[owner[behind >= 0]], leaves[behind[behind >= 0]]
+    shared = np.zeros(count * count, bool)
+    shared[(i * count + j)[i < j]] = True
+    return np.stack(np.divmod(np.flatnonzero(shared), count), axis=1)
+
+
+def _folds(graph: SurfaceGraph, point_leaves: Indices, count: int) -> tuple[Indices, Array, Array]:
+    """(B, 2) leaves with edges of the surface between them, (B,) sums of their folds, and (B,) how many there are."""
+    i, j = point_leaves[graph.edges].T
+    across = i != j
+    border = np.minimum(i, j)[across] * count + np.maximum(i, j)[across]
+    present, which = np.unique(border, return_inverse=True)
+    sums, edges = np.bincount(which, graph.creases[across]), np.bincount(which).astype(np.float64)
+    return np.stack(np.divmod(present, count), axis=1), sums.astype(np.float64), edges
+
+
+def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
+    """The cheapest pair that is left, again and again; arguments as of `_touching` and `_folds`."""
+    for i, j in pairs.tolist():
         clusters.meet(i, j)
-    ends = point_leaves[graph.edges]
-    across = ends[:, 0] != ends[:, 1]
-    for (i, j), fold in zip(ends[across].tolist(), graph.creases[across].tolist(), strict=True):
-        clusters.add_fold(i, j, fold, 1)
-    return Hierarchy(n_leaves, tuple(_merge_all(clusters)))
-
-
-def _merge_all(clusters: _Clusters) -> list[Merge]:
-    """The cheapest pair that is left, again and again."""
+    for (i, j), *folds in zip(borders[0].tolist(), *(each.tolist() for each in borders[1:]), strict=True):
+        clusters.add_folds(i, j, *folds)
     queue: list[tuple[float, int, int, float]] = []
 
     def consider(pairs: list[tuple[int, int]]) -> None:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from poise.kernels import COMPILED, hulls_of_clusters
 from poise.types import Array, Indices
 
 
@@ -25,8 +26,8 @@ def _sphere(pairs: int) -> tuple[Array, Indices]:
     return directions, triangles
 
 
-_DIRECTIONS, _TRIANGLES = _sphere(120)
-_CORNERS = np.ascontiguousarray(_TRIANGLES.T)
+_DIRECTIONS, TRIANGLES = _sphere(120)
+_CORNERS = np.ascontiguousarray(TRIANGLES.T)
 
 
 class Hulls(NamedTuple):
@@ -39,6 +40,14 @@ class Hulls(NamedTuple):
 
     reach: Array
     points: Array
+
+    @classmethod
+    def of_clusters(cls, points: Array, tetrahedra: Indices, clusters: Indices, count: int) -> "Hulls":
+        """Hulls of the tetrahedra (T, 4), among points (N, 3) m, in each of the clusters (T,), none empty."""
+        if COMPILED:
+            return cls(*hulls_of_clusters(points, tetrahedra, clusters, count, _DIRECTIONS))
+        cluster, corner = np.divmod(np.unique(clusters[:, None] * len(points) + tetrahedra), len(points))
+        return cls.of(np.split(points[corner], np.searchsorted(cluster, np.arange(1, count))))
 
     @classmethod
     def of(cls, sets: list[Array]) -> "Hulls":

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.geometry import cross, lengths
+from poise.kernels import COMPILED, Drawn, matched_places
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_edges, unit_normals
 from poise.types import Array, Indices
@@ -77,7 +78,6 @@ def matched(
     """
     observed = points if len(points) <= _OBSERVED else points[rng.permutation(len(points))[:_OBSERVED]]
     triangles, _ = solid.surface
-    used = np.unique(triangles)
     share = min(1.0, noise / (0.3 * spacing))
     places = solid.vertices
     smoother = _Smoother(solid)
@@ -86,27 +86,64 @@ def matched(
     corners = places[triangles]
     areas = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     which = rng.choice(len(triangles), _DRAWN, p=areas / areas.sum())
-    within, errors = rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3))
+    drawn = Drawn(which, rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3)))
     rounds = _ROUNDS if noise > _BESIDE * spacing else _THIN_ROUNDS
-    for number in range(rounds):
+    plan = _Plan(rounds, 0 if known else _NOISE_ROUNDS, noise, spacing, _KEEP_SMOOTH * share)
+    move = _moved_compiled if COMPILED else _moved
+    places, noise, seen, made = move(replace(solid, vertices=places), observed, drawn, plan, smoother)
+    misfit = noise * _misfit(seen, made, noise / spacing)
+    return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)), misfit)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Rounds, those in which the noise is corrected, noise and spacing in m, share of smoothing in each round."""
+
+    rounds: int
+    noise_rounds: int
+    noise: float
+    spacing: float
+    smoothing: float
+
+
+def _moved(
+    solid: Solid, observed: Array, drawn: Drawn, plan: _Plan, smoother: "_Smoother"
+) -> tuple[Array, float, Array, Array]:
+    """Places, noise, and the distances of observed and drawn points that are near, m outwards."""
+    triangles, _ = solid.surface
+    used, places, noise = np.unique(triangles), solid.vertices, plan.noise
+    for number in range(plan.rounds):
         normals = unit_normals(replace(solid, vertices=places))[0][used]
         here = places[used]
         tree = cKDTree(here)
         if number in _LOOK_AROUND:
             near = tree.query(here, k=min(_NEIGHBOURS, len(here)))[1]
-        drawn = np.einsum("mk,mki->mi", within, places[triangles[which]]) + noise * errors
-        band = _BAND * noise + _SPACINGS * spacing
-        seen, made = (_distances(tree, here, normals, cloud, band) for cloud in (observed, drawn))
+        made_of = np.einsum("mk,mki->mi", drawn.within, places[triangles[drawn.which]]) + noise * drawn.errors
+        band = _BAND * noise + _SPACINGS * plan.spacing
+        seen, made = (_distances(tree, here, normals, cloud, band) for cloud in (observed, made_of))
         around = _Neighbourhoods(near, normals, seen[0])
-        if not known and number < _NOISE_ROUNDS:
-            noise *= float(np.clip(_noise_ratio(around, seen, made, noise / spacing), *_NOISE_STEP))
+        if number < plan.noise_rounds:
+            noise *= float(np.clip(_noise_ratio(around, seen, made, noise / plan.spacing), *_NOISE_STEP))
         shift = around.means(*seen) - around.means(*made)
         places = places.copy()
         places[used] += shift[:, None] * normals
-        if number < rounds - 1:
-            places = smoother(places, _KEEP_SMOOTH * share)
-    misfit = noise * _misfit(seen[1], made[1], noise / spacing)
-    return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)), misfit)
+        if number < plan.rounds - 1:
+            places = smoother(places, plan.smoothing)
+    return places, noise, seen[1], made[1]
+
+
+def _moved_compiled(
+    solid: Solid, observed: Array, drawn: Drawn, plan: _Plan, smoother: "_Smoother"
+) -> tuple[Array, float, Array, Array]:
+    """The same, compiled."""
+    triangles, _ = solid.surface
+    numbers = {
+        **{"rounds": plan.rounds, "noise_rounds": plan.noise_rounds, "second_look": _LOOK_AROUND[1]},
+        **{"neighbours": _NEIGHBOURS, "together": _TOGETHER, "noise": plan.noise, "spacing": plan.spacing},
+        **{"smooth": plan.smoothing, "band_sigmas": _BAND, "band_spacings": _SPACINGS, "haste": _HASTE},
+        **{"least_step": _NOISE_STEP[0], "most_step": _NOISE_STEP[1], "good": _GOOD, "thick_good": _THICK_GOOD},
+    }
+    return matched_places(solid.vertices, triangles, smoother.edges, drawn, observed, numbers)
 
 
 def _misfit(seen: Array, made: Array, thickness: float) -> float:
@@ -124,11 +161,11 @@ class _Smoother:
 
     def __init__(self, solid: Solid) -> None:
         edges = surface_edges(solid)
-        self._edges = np.concatenate([edges, edges[:, ::-1]])
-        self._degree = np.bincount(self._edges[:, 0], minlength=len(solid.vertices))
+        self.edges = np.concatenate([edges, edges[:, ::-1]])
+        self._degree = np.bincount(self.edges[:, 0], minlength=len(solid.vertices))
 
     def __call__(self, places: Array, share: float) -> Array:
-        start, end = self._edges.T
+        start, end = self.edges.T
         sums = np.stack([np.bincount(start, places[end, axis], len(places)) for axis in range(3)], axis=1)
         middles = sums / np.maximum(self._degree, 1)[:, None]
         return np.where(self._degree[:, None] > 0, places + share * (middles - places), places)

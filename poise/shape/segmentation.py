@@ -12,6 +12,7 @@ from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.hollows import Hollow, hollow_of
 from poise.shape.lighting import colour_steps, unlit
+from poise.shape.nearest import nearest
 from poise.shape.reconstruction import guarded, reconstruct
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph, surface_graph
@@ -211,10 +212,10 @@ def _leaves(solid: Solid, clusters: Indices) -> tuple[Indices, Indices]:
     Returns:
         (T,) and (N,), numbered from 0 without gaps.
     """
-    tree = cKDTree(solid.vertices)
-    used, leaves = np.unique(clusters[tree.query(solid.centroids)[1]], return_inverse=True)
-    number = np.full(clusters.max() + 1, -1)
-    number[used] = np.arange(len(used))
+    own = clusters[nearest(solid.vertices, solid.centroids, 1)[1][:, 0]]
+    used = np.bincount(own, minlength=clusters.max() + 1) > 0
+    number = np.where(used, np.cumsum(used) - 1, -1)
+    leaves = number[own]
     point_leaves = number[clusters]
     lost = point_leaves < 0
     if np.any(lost):

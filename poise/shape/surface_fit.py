@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.geometry import cross, lengths
+from poise.kernels import COMPILED, side_averages
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import unit_normals
 from poise.types import Array
@@ -33,6 +34,8 @@ def side_normals(solid: Solid, radius: float) -> Array:
         outer = np.flatnonzero(on_surface)
         buried = np.flatnonzero(~on_surface)
         normals[buried] = normals[outer[cKDTree(solid.vertices[outer]).query(solid.vertices[buried])[1]]]
+    if COMPILED:
+        return side_averages(solid.vertices, normals, radius, _NORMAL_ROUNDS)
     i, j = cKDTree(solid.vertices).query_pairs(radius, output_type="ndarray").T
     for _ in range(_NORMAL_ROUNDS):
         alike = np.maximum(np.einsum("ij,ij->i", normals[i], normals[j]), 0) ** 2
