@@ -1,4 +1,4 @@
-"""Where an effect hardly acts: the end of a contact in its proof, and what stays there in its variations."""
+"""Weak places of the search: the end of a contact in its proof, what stays where an effect hardly acts, free curves."""
 
 import numpy as np
 from cases import make_case
@@ -15,6 +15,10 @@ from poise.mismatch.inference import (
     proven,
     wrench_problem,
 )
+from poise.mismatch.inference.coarse import thinned
+from poise.mismatch.inference.screening import _middles
+from poise.mismatch.inference.search import prescreen
+from poise.mismatch.inference.unknown import dependences
 from poise.mismatch.inference.variations import _kinds
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -94,3 +98,23 @@ def test_laws_of_friction_that_differ_by_half_a_percent_of_their_evidence_are_ri
     """Friction under a load that hardly changes explained 7 of 1,490 nats less as Coulomb friction."""
     assert rival_odds(1490.0, 1483.0, 0.0, 0.005) > 0.5 > rival_odds(1490.0, 1483.0, 0.0)
     assert rival_odds(1490.0, 1300.0, 0.0, 0.005) < 1e-6
+
+
+def test_a_free_curve_that_was_screened_on_averages_is_fitted_on_all_samples() -> None:
+    """The middles of averages end earlier, so that a curve in time may have a knot less: its values were missing."""
+
+    def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
+        del rng
+        course = np.sin(1.3 * exact.seconds)[:, None, None]
+        return wrench + 8.0 * np.hstack([(course * exact.rotation_world_sensor)[:, 2], np.zeros((len(wrench), 3))])
+
+    case = make_case(5, duration=26.21, spoil=spoil)
+    problem = wrench_problem(case.recorded(), case.model)
+    (curve,) = (each for each in dependences(problem.recorded) if each.name.endswith("pushes"))
+    state = HypothesisSearch(problem)
+    nominal = fit(problem, ())
+    state.offer(nominal)
+    middles = _middles(problem.recorded, thinned(problem))
+    assert len(curve.parameters(middles)) < len(curve.parameters(problem.recorded))
+    ((part,),) = prescreen(state, nominal, [curve])
+    assert set(part.values) == {p.name for p in curve.parameters(problem.recorded)}

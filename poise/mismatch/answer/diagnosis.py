@@ -19,7 +19,6 @@ from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
     EffectCandidate,
-    FittedEffect,
     HeldOutProof,
     HypothesisFit,
     HypothesisSearch,
@@ -364,7 +363,7 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
         model = proven(state, best)
         best = model.fit
         if state.problem is not seen:
-            best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
+            best = fit(seen, [part.carried(seen.recorded) for part in best.parts], WARM_STEPS)
         final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
         best = _settled(final, best)
         proof = held_out(replace(final, judged=None), best, held)
@@ -381,11 +380,6 @@ def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
     if final.signal == "wrench":
         return fit(final, best.parts, WARM_STEPS)
     return fit(final, fit(final.weighed(), best.parts, WARM_STEPS).parts, 0)
-
-
-def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
-    """A part in a longer recording, where a free curve over time has more knots."""
-    return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(recorded)})
 
 
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:

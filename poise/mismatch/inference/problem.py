@@ -44,6 +44,11 @@ class FittedEffect:
         """Sort key: the sequence in which the parts of a hypothesis act."""
         return LAYERS.index(self.effect.layer), self.effect.order, self.effect.name
 
+    def carried(self, recorded: RecordedMotion) -> "FittedEffect":
+        """The part in a longer recording or one at another rate, where a free curve has other knots."""
+        values = {p.name: self.values.get(p.name, 0.0) for p in self.effect.parameters(recorded)}
+        return replace(self, values=values)
+
 
 @dataclass(frozen=True, eq=False)
 class SampleBlocks:

@@ -267,7 +267,8 @@ def prescreen(
         chosen += [each for each in named if not isinstance(each.effect, Dependence)][:1]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
-    return [_with(best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
+    recorded = state.problem.recorded  # screened at the middles of averages, which end earlier
+    return [_with(best.parts, FittedEffect(each.effect, each.values).carried(recorded)) for each in chosen]
 
 
 def _with(parts: Sequence[FittedEffect], new: FittedEffect) -> tuple[FittedEffect, ...]:
