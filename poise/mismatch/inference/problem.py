@@ -26,8 +26,8 @@ _RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not compared."""
 _FEWEST_FREE = 100
 """Readings within the sensor's range that show the noise of a channel."""
-_BRIEF, _BESIDE = 0.3, 0.2
-"""Largest share of a recording that an event may cover to be left out beside others; s on its sides."""
+BRIEF, _BESIDE = 0.3, 0.2
+"""Share of a recording within which an event is brief; s on its sides that are left out with it."""
 _BEST_MODEL = 0.002
 """Share of a channel's standard deviation below which no model predicts it."""
 
@@ -191,7 +191,7 @@ class Problem:
         keep = self.settled(parts)
         for part, recorded in zip(parts, self.compose(parts)[0], strict=True):
             windows = () if part.effect.transfers else part.effect.windows(recorded, part.values)
-            brief = [(begin, end) for begin, end in windows if end - begin < _BRIEF * recorded.duration]
+            brief = [(begin, end) for begin, end in windows if end - begin < BRIEF * recorded.duration]
             keep &= ~within(self.seconds, brief, _BESIDE)
         return self if keep.all() else replace(self, judged=keep if self.judged is None else keep & self.judged)
 

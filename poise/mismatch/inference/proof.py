@@ -16,7 +16,7 @@ from poise.mismatch.effects import Effect, within
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
-from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.problem import BRIEF, FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence
 from poise.types import Array
 
@@ -39,10 +39,10 @@ _MOTION = 0.5
 acceleration, which noise hides (benchmarks.foreign: errors of the base's acceleration up to twice as large)."""
 _ERRORS = 2.0
 """Standard errors of the energy of noise that its excess may have."""
-_BRIEF, _LEAST_LOCAL = 0.3, 5.0
-"""Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
-channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording. Where
-nothing is left at other times, the energy of the whole residual during the event counts."""
+_LEAST_LOCAL = 5.0
+"""Least energy of a brief event in a sample, in units of the noise of a channel: a smaller one may be an error of the
+measured motion, which a brief event finds anywhere in a recording. Where nothing is left at other times, the energy of
+the whole residual during the event counts."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
 LEAST_BESIDE = 100.0
@@ -205,7 +205,7 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
         return "where it acts, the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
-    if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:
+    if windows and ends and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
         alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
