@@ -80,8 +80,7 @@ def test_a_request_is_never_reported_as_reached_before_it_was_carried_out() -> N
         driver.go(0.060)
         until(lambda: driver.fingers.at_request)  # type: ignore[union-attr]
         driver.go(0.020)
-        while not driver.fingers.at_request:  # type: ignore[union-attr]
-            time.sleep(0.001)
+        until(lambda: driver.fingers.at_request)  # type: ignore[union-attr]
         assert driver.fingers.opening == pytest.approx(0.020, abs=0.0005)  # type: ignore[union-attr]
 
 

@@ -34,8 +34,8 @@ def found():
     phi = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
     recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
     contact, rng = effect_named("contact"), np.random.default_rng(1)
-    values = {"start": 6.0, "length": 1.0, "x": 0.0, "y": 0.0, "z": 0.15}
-    values |= {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(7)}
+    values = {"start": 6.0, "length": 1.0, "knots": 7.0, "x": 0.0, "y": 0.0, "z": 0.15}
+    values |= {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(15)}
     values |= {f"force_x_{k}": -6.0 * np.sin(np.pi * (k + 1) / 8) for k in range(7)}
     wrench = recorded.prediction + contact.simulate(recorded, values) + rng.normal(size=(len(seconds), 6)) * SIGMA
     model = NominalModel(sensor_frame="ft_sensor", phi=phi)
