@@ -23,46 +23,19 @@ static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] 
 
 static double length(const double *a) { return sqrt(dot(a, a)); }
 
-/* A heap of ways to nodes of a graph that are not in its tree yet, the best at the top. */
+/* A way to a node of a graph that is not in its tree yet; the best are taken first. */
 struct way {
   double key; /* the least first */
   int64_t number, to, from;
-};
-
-struct ways {
-  struct way *way;
-  int64_t count, room;
 };
 
 static int sooner(const struct way *a, const struct way *b) {
   return a->key != b->key ? a->key < b->key : a->number < b->number;
 }
 
-static int push(struct ways *w, struct way own) {
-  if (w->count == w->room) {
-    struct way *larger = realloc(w->way, (size_t)(2 * w->room + 64) * sizeof *larger);
-    if (!larger) return 0;
-    w->way = larger;
-    w->room = 2 * w->room + 64;
-  }
-  int64_t at = w->count++;
-  for (; at > 0 && sooner(&own, w->way + (at - 1) / 2); at = (at - 1) / 2) w->way[at] = w->way[(at - 1) / 2];
-  w->way[at] = own;
-  return 1;
-}
-
-static struct way pop(struct ways *w) {
-  const struct way first = w->way[0], last = w->way[--w->count];
-  int64_t at = 0;
-  for (int64_t child = 1; child < w->count; child = 2 * at + 1) {
-    if (child + 1 < w->count && sooner(w->way + child + 1, w->way + child)) child++;
-    if (!sooner(w->way + child, &last)) break;
-    w->way[at] = w->way[child];
-    at = child;
-  }
-  w->way[at] = last;
-  return first;
-}
+#define HEAP_ITEM struct way
+#define HEAP_SOONER sooner
+#include "heap.h"
 
 static double radius_of_triangle(const double *p, const double *q, const double *r) {
   double a[3], b[3], c[3], u[3], v[3], area[3];
@@ -93,12 +66,12 @@ static double gate(const double *points, const int64_t *tetrahedron, int face) {
 }
 
 static int begin_outside(const double *points, int64_t count, const int64_t *tetrahedra, const int64_t *beside,
-                         const double *own, struct ways *ways) {
+                         const double *own, heap *ways) {
   for (int64_t k = 0; k < count; k++) {
     double widest = 0;
     for (int face = 0; face < 4; face++)
       if (beside[4 * k + face] < 0) widest = fmax(widest, fmin(gate(points, tetrahedra + 4 * k, face), own[k]));
-    if (widest > 0 && !push(ways, (struct way){-fmax(widest, TINY), 4 * count + k, k, count})) return 0;
+    if (widest > 0 && !heap_push(ways, (struct way){-fmax(widest, TINY), 4 * count + k, k, count})) return 0;
   }
   return 1;
 }
@@ -109,7 +82,7 @@ static int begin_outside(const double *points, int64_t count, const int64_t *tet
 POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int64_t *tetrahedra, const int64_t *beside,
                                  double *reach, int64_t *order, int64_t *parent, int64_t *found) {
   double *own = malloc((size_t)(count + 1) * sizeof *own);
-  struct ways ways = {0};
+  heap ways = {0};
   int64_t status = POISE_NO_MEMORY;
   *found = 0;
   if (!own) goto done;
@@ -123,7 +96,7 @@ POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int6
   parent[count] = count;
   if (!begin_outside(points, count, tetrahedra, beside, own, &ways)) goto done;
   while (ways.count) {
-    const struct way way = pop(&ways);
+    const struct way way = heap_pop(&ways);
     const int64_t k = way.to;
     if (parent[k] >= 0) continue;
     parent[k] = way.from;
@@ -137,13 +110,13 @@ POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int6
       if (next < k) /* the face is that of the lower of the two */
         for (low = next, side = 0; beside[4 * low + side] != k; side++) continue;
       const double width = fmin(fmin(gate(points, tetrahedra + 4 * low, side), own[k]), own[next]);
-      if (!push(&ways, (struct way){-fmax(width, TINY), 4 * low + side, next, k})) goto done;
+      if (!heap_push(&ways, (struct way){-fmax(width, TINY), 4 * low + side, next, k})) goto done;
     }
   }
   status = POISE_OK;
 done:
   free(own);
-  free(ways.way);
+  free(ways.item);
   return status;
 }
 
@@ -192,12 +165,12 @@ static void plane_normal(const double *points, const int64_t *near, int64_t k, d
 /* The ways from a point to the neighbours whose side is not known; `next` (2 n k,) are lists of the edges at each point,
    from `first` (n,): edge e is one of point e / 2 / k, and of its neighbour. */
 static int hand_on(int64_t k, const int64_t *near, const double *normals, const uint8_t *known, const int64_t *first,
-                   const int64_t *next, int64_t point, struct ways *ways) {
+                   const int64_t *next, int64_t point, heap *ways) {
   for (int64_t e = first[point]; e >= 0; e = next[e]) {
     const int64_t edge = e / 2, other = e % 2 ? edge / k : near[edge];
     if (known[other]) continue;
     const double bend = 1.01 - fabs(dot(normals + 3 * point, normals + 3 * other));
-    if (!push(ways, (struct way){bend, edge, other, point})) return 0;
+    if (!heap_push(ways, (struct way){bend, edge, other, point})) return 0;
   }
   return 1;
 }
@@ -207,7 +180,7 @@ static int hand_on(int64_t k, const int64_t *near, const double *normals, const 
 POISE_EXPORT int64_t poise_oriented_normals(int64_t n, const double *points, int64_t k, const int64_t *near,
                                             const double *outward, uint8_t *known, double *normals) {
   int64_t *first = malloc((size_t)(n + 2 * n * k + 1) * sizeof *first), *next = first + n, status = POISE_NO_MEMORY;
-  struct ways ways = {0};
+  heap ways = {0};
   if (!first) return status;
   for (int64_t p = 0; p < n; p++) first[p] = -1;
   for (int64_t e = 0; e < n * k; e++) {
@@ -226,7 +199,7 @@ POISE_EXPORT int64_t poise_oriented_normals(int64_t n, const double *points, int
   for (int64_t p = 0; p < n; p++)
     if (known[p] && !hand_on(k, near, normals, known, first, next, p, &ways)) goto done;
   while (ways.count) {
-    const struct way way = pop(&ways);
+    const struct way way = heap_pop(&ways);
     double *normal = normals + 3 * way.to;
     if (known[way.to]) continue;
     known[way.to] = 1;
@@ -237,7 +210,7 @@ POISE_EXPORT int64_t poise_oriented_normals(int64_t n, const double *points, int
   status = POISE_OK;
 done:
   free(first);
-  free(ways.way);
+  free(ways.item);
   return status;
 }
 

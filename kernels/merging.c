@@ -28,9 +28,17 @@ struct offer {
   int32_t left, right;
 };
 
+static int before(const struct offer *a, const struct offer *b) {
+  if (a->cost != b->cost) return a->cost < b->cost;
+  return a->left != b->left ? a->left < b->left : a->right < b->right;
+}
+
+#define HEAP_ITEM struct offer
+#define HEAP_SOONER before
+#include "heap.h"
+
 struct state {
-  struct offer *heap;
-  int64_t waiting, room;
+  heap waiting;
   double *fold, *edges, *buffer; /* of each pair of slots; of a hull */
   uint8_t *touch;
   int32_t *slot, *id; /* of each cluster, -1 when it was merged; and the cluster in each slot, -1 for none */
@@ -145,37 +153,6 @@ static struct offer offer_of(const struct merging *m, const struct state *s, int
   return (struct offer){.cost = haste * (border + shape), .hull = hull, .left = i, .right = j};
 }
 
-static int before(const struct offer *a, const struct offer *b) {
-  if (a->cost != b->cost) return a->cost < b->cost;
-  return a->left != b->left ? a->left < b->left : a->right < b->right;
-}
-
-static int push(struct state *s, struct offer offer) {
-  if (s->waiting == s->room) {
-    struct offer *larger = realloc(s->heap, (size_t)(2 * s->room) * sizeof *larger);
-    if (!larger) return 0;
-    s->heap = larger;
-    s->room *= 2;
-  }
-  int64_t at = s->waiting++;
-  for (; at > 0 && before(&offer, s->heap + (at - 1) / 2); at = (at - 1) / 2) s->heap[at] = s->heap[(at - 1) / 2];
-  s->heap[at] = offer;
-  return 1;
-}
-
-static struct offer pop(struct state *s) {
-  const struct offer first = s->heap[0], last = s->heap[--s->waiting];
-  int64_t at = 0;
-  for (int64_t child = 1; child < s->waiting; child = 2 * at + 1) {
-    if (child + 1 < s->waiting && before(s->heap + child + 1, s->heap + child)) child++;
-    if (!before(s->heap + child, &last)) break;
-    s->heap[at] = s->heap[child];
-    at = child;
-  }
-  s->heap[at] = last;
-  return first;
-}
-
 /* The cluster that takes the place of two. */
 static int32_t merge(struct merging *m, struct state *s, const struct offer *offer) {
   const int64_t i = offer->left, j = offer->right, parent = m->count + m->merges, n = m->count, d = m->directions;
@@ -210,14 +187,14 @@ static int32_t merge(struct merging *m, struct state *s, const struct offer *off
 
 static int merge_all(struct merging *m, struct state *s) {
   for (int64_t k = 0; k < m->pairs; k++)
-    if (!push(s, offer_of(m, s, (int32_t)m->pair[2 * k], (int32_t)m->pair[2 * k + 1]))) return 0;
-  while (s->waiting) {
-    const struct offer offer = pop(s);
+    if (!heap_push(&s->waiting, offer_of(m, s, (int32_t)m->pair[2 * k], (int32_t)m->pair[2 * k + 1]))) return 0;
+  while (s->waiting.count) {
+    const struct offer offer = heap_pop(&s->waiting);
     if (s->slot[offer.left] < 0 || s->slot[offer.right] < 0) continue;
     const int32_t parent = merge(m, s, &offer);
     const uint8_t *touch = s->touch + m->count * s->slot[parent];
     for (int64_t k = 0; k < m->count; k++)
-      if (touch[k] && !push(s, offer_of(m, s, s->id[k], parent))) return 0;
+      if (touch[k] && !heap_push(&s->waiting, offer_of(m, s, s->id[k], parent))) return 0;
   }
   return 1;
 }
@@ -241,8 +218,7 @@ static void begin(const struct merging *m, struct state *s) {
 /* Merges until nothing touches. */
 POISE_EXPORT int64_t poise_merge(struct merging *m) {
   const size_t n = (size_t)m->count;
-  struct state s = {.room = 4 * m->pairs + 64};
-  s.heap = malloc((size_t)s.room * sizeof *s.heap);
+  struct state s = {0};
   s.fold = calloc(n * n, sizeof *s.fold);
   s.edges = calloc(n * n, sizeof *s.edges);
   s.touch = calloc(n * n, sizeof *s.touch);
@@ -251,11 +227,11 @@ POISE_EXPORT int64_t poise_merge(struct merging *m) {
   s.buffer = malloc((size_t)(4 * m->directions) * sizeof *s.buffer);
   int64_t status = POISE_NO_MEMORY;
   m->merges = 0;
-  if (s.heap && s.fold && s.edges && s.touch && s.slot && s.id && s.buffer) {
+  if (s.fold && s.edges && s.touch && s.slot && s.id && s.buffer) {
     begin(m, &s);
     if (merge_all(m, &s)) status = POISE_OK;
   }
-  free(s.heap);
+  free(s.waiting.item);
   free(s.fold);
   free(s.edges);
   free(s.touch);

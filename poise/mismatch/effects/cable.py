@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -64,26 +65,28 @@ class Cable(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Cords that explain the residual best, from anchors near and far; the torques give a first hook."""
-        apart = max(_APART, float(recorded.seconds[-1] - recorded.seconds[0]) / _SAMPLES)
+        apart = max(_APART, recorded.duration / _SAMPLES)
         few, left = coarsely(recorded, residual, apart)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
         wanted = beside_errors(few, left) * weight
         hook = dict(zip(_HOOK, likely_place(left[:, :3], left[:, 3:]).tolist(), strict=True))
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
 
-            def left_by(cord: Array, on_base: float = on_base) -> tuple[Array, Array, float]:
-                """What a cord leaves (N, 6), its pull, and its best stiffness."""
-                pull = beside_errors(few, self.columns(few, _cord(cord, on_base))[:, :, 0]) * weight
+            def pulled(cord: Array, on_base: float = on_base) -> tuple[_Line, Array, float]:
+                """A cord, its pull (N, 6) beside errors, and its best stiffness."""
+                line = _line(few, _cord(cord, on_base))
+                pull = beside_errors(few, line.wrench) * weight
                 stiffness = max(float(np.vdot(pull, wanted)), 0.0) / max(float(np.vdot(pull, pull)), 1e-12)
-                return wanted - stiffness * pull, pull, stiffness
+                return line, pull, stiffness
 
             def unexplained(cord: Array) -> Array:
-                return left_by(cord)[0].ravel()
+                _, pull, stiffness = pulled(cord)
+                return np.asarray((wanted - stiffness * pull).ravel())
 
-            def slopes(cord: Array, on_base: float = on_base) -> Array:
+            def slopes(cord: Array) -> Array:
                 """(6 N, 8) of `unexplained`, whose stiffness follows the cord (variable projection; Kaufman 1975)."""
-                _, pull, stiffness = left_by(cord)
-                change = _line(few, _cord(cord, on_base)).slopes(few, np.sign(cord[[3, 7]]))
+                line, pull, stiffness = pulled(cord)
+                change = line.slopes(few, np.sign(cord[[3, 7]]))
                 flat = beside_errors(few, change.reshape(len(few), -1)).reshape(change.shape)
                 flat = (flat * weight[:, None]).reshape(-1, len(cord))
                 along = pull.ravel() / max(float(np.linalg.norm(pull)), 1e-12)
@@ -103,8 +106,7 @@ class Cable(Effect):
             yield from (_cord(cord, on_base) for cord in (*near, tried[0])[:_KEPT])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        line = _line(recorded, nonlinear)
-        return forces_at(line.hook, line.tension[:, None] * line.toward_in_sensor)[:, :, None]
+        return _line(recorded, nonlinear).wrench[:, :, None]
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         del recorded
@@ -154,6 +156,11 @@ class _Line:
     damping_time: float
 
     @property
+    def wrench(self) -> Array:
+        """(N, 6) N and N m, on the sensor."""
+        return forces_at(self.hook, self.tension[:, None] * self.toward_in_sensor)
+
+    @cached_property
     def toward_in_sensor(self) -> Array:
         """(N, 3) unit vectors from the hook to the anchor."""
         return np.asarray(np.einsum("nji,nj->ni", self.rotation_frame_sensor, self.toward_in_frame))

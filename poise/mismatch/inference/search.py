@@ -110,8 +110,7 @@ def _or_one_unknown(state: HypothesisSearch, best: HypothesisFit, effects: Seque
         return best
     curve = max(curves, key=lambda each: gains[each.name])
     problem = state.under(best)
-    values = {p.name: 0.0 for p in curve.parameters(problem.recorded)}
-    alone = state.fitted(problem, [FittedEffect(curve, values)], WARM_STEPS)
+    alone = state.fitted(problem, [FittedEffect(curve, {}).carried(problem.recorded)], WARM_STEPS)
     return alone if alone.log_evidence >= state.fits[names(best)].log_evidence else best
 
 

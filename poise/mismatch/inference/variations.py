@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.inference.coarse import thinned
+from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.fitting import fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import linear_bspline_basis
@@ -49,19 +50,32 @@ def variations(problem: Problem, parts: Sequence[FittedEffect]) -> tuple[Variati
         problem: under the noise that the answer leaves.
         parts: the answer.
     """
+    if not parts:
+        return ()
     problem = problem.weighed()
     coarse = problem.blocks is None and not any(part.effect.fast for part in parts)
-    return tuple(_strongest(problem, parts, part, coarse) for part in parts)
+    usual = _fitted(problem, parts, coarse)
+    found = []
+    for part in parts:
+        if part.effect.knocks or part.effect.varies:
+            found.append(Variation("", 0.0))
+            continue
+        rest = [other for other in parts if other is not part]
+        calm = problem.calm(rest)
+        found.append(_strongest(*(usual if calm is problem else _fitted(calm, parts, coarse)), rest))
+    return tuple(found)
 
 
-def _strongest(problem: Problem, parts: Sequence[FittedEffect], part: FittedEffect, coarse: bool) -> Variation:
-    if part.effect.knocks or part.effect.varies:
-        return Variation("", 0.0)
-    rest = [other for other in parts if other is not part]
-    problem = problem.calm(rest)
+def _fitted(problem: Problem, parts: Sequence[FittedEffect], coarse: bool) -> tuple[Problem, WhitenedRegression, Array]:
+    """The problem at the rate of the comparison, its regression, and the prediction (N, C)."""
     problem = thinned(problem) if coarse else problem
-    regression = fit(problem, parts, 0).regression
-    whole = problem.predicted(problem.compose(parts)[1])
+    return problem, fit(problem, parts, 0).regression, problem.predicted(problem.compose(parts)[1])
+
+
+def _strongest(
+    problem: Problem, regression: WhitenedRegression, whole: Array, rest: Sequence[FittedEffect]
+) -> Variation:
+    """The variation of the part that `rest` lacks which wins most."""
     response = whole - problem.predicted(problem.compose(rest)[1])
     gains = {}
     for state, columns in _kinds(problem, response, whole):
