@@ -127,6 +127,17 @@ def test_all_errors_at_their_edges_at_once_are_no_finding(colour: NoiseColour) -
     assert found == [{}] * 20
 
 
+@pytest.mark.parametrize("shape", ["swing", "warm-up"])
+def test_a_drift_inside_its_tolerance_may_be_curved(shape: str) -> None:
+    """A swing was an effect outside the library that depends on the elapsed time."""
+    rng, passed = np.random.default_rng(13), motion().seconds / motion().duration
+    curve = np.sin(1.6 * np.pi * passed) / 2 if shape == "swing" else np.exp(-3.0 * passed)
+    largest = np.repeat([TOLERANCE.drift_force, TOLERANCE.drift_torque], 3) * rng.choice([-1.0, 1.0], 6)
+    wrench = read(errors(rng) | {"drift": np.zeros(6)}) + np.outer(curve, largest)
+    recorded = replace(motion(), wrench=wrench + 0.2 * SIGMA * rng.normal(size=wrench.shape))
+    assert diagnose(recorded, NominalModel(phi=recorded.phi)).verdict == "none"
+
+
 @pytest.mark.parametrize("name", WIDENING)
 def test_an_error_beyond_what_all_tolerances_can_explain_is_a_finding(name: str) -> None:
     """The other errors are zero. Crosstalk inside its tolerance can explain a part of several of them."""

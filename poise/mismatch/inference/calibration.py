@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.special import legendre
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
@@ -33,8 +34,9 @@ class CalibrationGroup:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, rest (what the model leaves of
-            the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or blur (see `_BLURS`).
+        name: payload, bias, drift, curved_drift (see `_TURNS`), gain, rotation, tilt, joints, clock, offset, links,
+            rest (what the model leaves of the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or
+            blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
@@ -78,6 +80,9 @@ class CalibrationGroup:
         return np.asarray(self.values @ (coefficients[:, None] * (self.channel[:, None] == np.arange(self.channels))))
 
 
+_TURNS = 2
+"""A sensor that warms up does not drift along a straight line. Inside its tolerance, the drift is a smooth curve with
+as many turning points at most; without these columns its curvature would be physics outside the library."""
 _BLURS = (0.006, 0.02, 0.05, 0.12)
 """s: faster parts of the prediction may be encoder noise, differentiated twice. Smoothing it without delay is no
 physics; without these columns an oscillating part would win by filtering the noise. The narrowest one also has the
@@ -87,14 +92,11 @@ second-order part of a clock offset, which the clock's column lacks."""
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
     """All groups for a recording; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
     wrench = recorded.prediction
-    payload, bias, drift, tilt, joints = recorded.once(
-        ("calibration", tolerance), lambda: _of_motion(recorded, tolerance)
-    )
+    payload, *zeros, tilt, joints = recorded.once(("calibration", tolerance), lambda: _of_motion(recorded, tolerance))
     later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
     return (
         payload,
-        bias,
-        drift,
+        *zeros,
         _gain(wrench, tolerance.sensor_gain),
         CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         tilt,
@@ -114,9 +116,12 @@ def _blur(recorded: RecordedMotion) -> CalibrationGroup:
 
 
 def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
-    """The groups that do not depend on what is predicted: payload, bias, drift, tilt, joints."""
+    """The groups that do not depend on what is predicted: payload, bias, drift, curved_drift, tilt, joints."""
     middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
+    # Legendre polynomials with a range of one, as the ramp has.
+    curves = [legendre(degree)(2.0 * ramp) for degree in range(2, _TURNS + 2)]
+    curved = np.stack([curve / np.ptp(curve) for curve in curves], axis=1)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     steady = np.broadcast_to(bias, (len(recorded), 6))
@@ -125,6 +130,13 @@ def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibrat
         CalibrationGroup("payload", payload_columns(recorded, tolerance), lasting=True),
         CalibrationGroup("bias", steady, channel=each, channels=6, lasting=True),
         CalibrationGroup("drift", ramp[:, None] * drift, channel=each, channels=6, lasting=True),
+        CalibrationGroup(
+            "curved_drift",
+            np.repeat(curved, 6, axis=1) * np.tile(drift, _TURNS),
+            channel=np.tile(each, _TURNS),
+            channels=6,
+            lasting=True,
+        ),
         CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt, lasting=True),
         CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset, lasting=True),
     )
