@@ -86,7 +86,7 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     gone = problem.predicted(problem.recorded) + _response(problem, over)
     known = gone + _response(problem, fixed)
     past, measured = (problem.measured - each + problem.predicted(problem.recorded) for each in (gone, known))
-    before, train = (_reading(replace(problem, judged=~last), each) for each in (past, measured))
+    before, train = (_reading(replace(problem, judged=~last, straight=True), each) for each in (past, measured))
     plain, full = fit(thinned(before.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
     nominal = gone + plain.response + plain.calibrated
     errors = [

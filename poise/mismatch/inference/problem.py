@@ -86,6 +86,7 @@ class Problem:
         blocks: averaged samples; None: each sample counts by itself.
         band: (C,) share of independent samples, one for all noise models, so that their likelihoods are comparable.
         widened: calibration groups that exceed their tolerances, as another signal shows.
+        straight: the drift of the sensor has no curvature: a fit is compared with samples after those that it has seen.
         limited: (N, C) readings at the end of the sensor's range, which say only that the load is no smaller, or of
             stuck joints, see `EffortTrack`. None: no reading is.
     """
@@ -98,6 +99,7 @@ class Problem:
     blocks: SampleBlocks | None = None
     band: Array | None = None
     widened: frozenset[str] = frozenset()
+    straight: bool = False
     limited: Mask | None = None
     _white: dict[int, tuple[CalibrationGroup, Array]] = field(default_factory=dict, init=False, repr=False)
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
@@ -197,13 +199,13 @@ class Problem:
 
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
         """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
-        widened = {part.effect.widens for part in parts} - {""}
+        without = {part.effect.widens for part in parts} | ({"curved_drift"} if self.straight else set())
         if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
             made = make(recorded, self.model.tolerance)
             made = tuple(group.widened if group.name in self.widened else group for group in made)
             self._made[:] = [(recorded, made)]
-        return tuple(group for group in self._made[0][1] if group.name not in widened)
+        return tuple(group for group in self._made[0][1] if group.name not in without)
 
     def regression(
         self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
