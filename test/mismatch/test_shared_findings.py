@@ -1,5 +1,6 @@
 """What one signal or one joint shows is not asked of another: shared effects, rivals, drifts and delays."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,15 @@ from test_effort_recordings import NOISE, PHI, ROBOT, URDF
 from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import UnreportedBaseMotion, effect_named
 from poise.mismatch.inference import FittedEffect, effort_problem, exceeds_tolerance, wrench_problem
-from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, on_efforts, read_streams, with_rest
+from poise.mismatch.reading import (
+    MeasuredStreams,
+    NominalModel,
+    ReadRecording,
+    acting_on_efforts,
+    on_efforts,
+    read_streams,
+    with_rest,
+)
 from poise.mismatch.reading.load_on_efforts import MotionOnEfforts, by_acceleration
 from poise.mismatch.recorded import RecordedMotion, joint_torques
 from poise.robot import RobotModel
@@ -19,23 +28,45 @@ from poise.simulation import FourierTrajectory, IdealRobot, JointMotion, record
 from poise.types import Array
 
 G = 9.80665
-TILT = np.array([0.02, -0.05])
+TILT = (0.02, -0.05)
 
 
-def test_a_tilt_that_the_wrench_shows_is_not_named_again_for_the_efforts() -> None:
+def read_both(tilt: Sequence[float]) -> ReadRecording:
+    """8 s of wrench and noisy efforts of a UR10 on a base that is tilted."""
     motion = FourierTrajectory.random(ROBOT, np.random.default_rng(2), duration=8.0, speed=0.3)
-    turned = np.array([TILT[1] * G, -TILT[0] * G, -G * np.sqrt(1.0 - TILT @ TILT)])
+    turned = np.array([tilt[1] * G, -tilt[0] * G, -G * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)])
     made = record(IdealRobot(ROBOT, PHI, turned), motion, np.random.default_rng(2), NOISE)
     noise = np.random.default_rng(3).normal(size=made.joints.effort.shape) * 0.1
     joints = replace(made.joints, effort=made.joints.effort + noise)
     model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
-    reading = read_streams(MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF), model)
-    library = effects_called(["base_tilt", "effort_offset", "motor_gain"])
+    return read_streams(MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF), model)
+
+
+def test_a_tilt_that_the_wrench_shows_is_not_named_again_for_the_efforts() -> None:
+    reading = read_both(TILT)
+    library = effects_called(["base_tilt", "world_force", "effort_offset", "motor_gain"])
     found = diagnose(reading.recorded, reading.model, library=library)
     assert [each.effect.name for each in found.findings] == ["base_tilt"]
     (values,) = (each.values for each in found.findings)
     assert [values["rotation_x"], values["rotation_y"]] == pytest.approx(TILT, abs=0.004)
     assert len(found.examinations) == 2
+
+
+def test_efforts_distinguish_a_pull_on_the_load_from_a_tilted_base() -> None:
+    """At the centre of mass a constant pull turns the load's gravity, and not that of the arm."""
+    reading, pull = read_both((0.0, 0.0)), np.array([0.9, -0.5, 0.0])
+    recorded, effort = reading.recorded, reading.recorded.effort
+    assert effort is not None
+    force = np.einsum("nij,i->nj", recorded.rotation_world_sensor, pull)
+    wrench = np.hstack([force, np.cross(PHI[1:4] / PHI[0], force)])
+    measured = effort.measured + joint_torques(recorded, wrench[:, :, None])[:, :, 0]
+    recorded = replace(recorded, wrench=recorded.wrench + wrench, effort=replace(effort, measured=measured))
+    library = effects_called(["base_tilt", "world_force", "effort_offset"])
+    found = diagnose(recorded, reading.model, library=library)
+    assert [each.effect.name for each in found.findings] == ["world_force"]
+    assert found.unproven["base_tilt"] == "the joint efforts contradict it"
+    alone = diagnose(replace(recorded, effort=None), reading.model, library=library)
+    assert [each.effect.name for each in alone.findings] == ["base_tilt"]
 
 
 @pytest.mark.parametrize("name", ["base_tilt", "joint_offset"])

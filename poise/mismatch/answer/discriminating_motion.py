@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.answer.diagnosis import SignalDiagnosis
 from poise.mismatch.answer.named import NamedEffect
+from poise.mismatch.answer.signal_diagnosis import SignalDiagnosis
 from poise.mismatch.effects import Effect, effect_named
 from poise.mismatch.inference import FittedEffect, Problem, linearization_point, refine
 from poise.mismatch.reading import recorded_from_motion

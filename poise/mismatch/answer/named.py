@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs
-from poise.mismatch.effects import Effect, Values, all_effects, joint_unit
+from poise.mismatch.effects import Effect, Values, all_effects, effect_named, joint_unit
 from poise.mismatch.inference import (
+    NEAR_SHARE,
     Dependence,
     EffectCandidate,
     EffectProof,
@@ -33,7 +34,10 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """One effect of the answer; without a proof where the readings alone show it."""
+    """One effect of the answer; without a proof where the readings alone show it.
+
+    `alternatives` are effects that explain nearly as much in its place, and the log evidence that each of them lacks.
+    """
 
     effect: Effect
     values: Values
@@ -43,6 +47,7 @@ class NamedEffect:
     windows: tuple[tuple[float, float], ...]
     sentence: str
     proof: EffectProof | None
+    alternatives: tuple[tuple[ModelEffect, float], ...] = ()
 
     @property
     def component(self) -> ModelEffect:
@@ -79,13 +84,27 @@ def named_effects(
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
             proof,
+            _near(part, others, problem.recorded),
         )
-        for part, recorded, covariance, belief, proof in zip(
-            best.parts, inputs, best.covariance, confidence, model.proofs, strict=True
+        for part, recorded, covariance, belief, proof, others in zip(
+            best.parts, inputs, best.covariance, confidence, model.proofs, instead, strict=True
         )
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def _near(
+    part: FittedEffect, instead: Mapping[str, EffectCandidate], recorded: RecordedMotion
+) -> tuple[tuple[ModelEffect, float], ...]:
+    """Effects that win nearly as much in the place of one, see `NamedEffect`."""
+    own = instead[part.effect.name].gain if part.effect.name in instead else np.nan
+    lacks = {name: own - each.gain for name, each in instead.items() if effect_named(name) not in (None, part.effect)}
+    found = []
+    for name in (name for name, lack in lacks.items() if lack < NEAR_SHARE * own):
+        values, count = instead[name].values, len(instead[name].effect.parameters(recorded))
+        found.append((ModelEffect(name, dict(values), np.zeros((count, count))), max(lacks[name], 0.0)))
+    return tuple(found)
 
 
 def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect] | None) -> list[NamedEffect]:

@@ -15,7 +15,7 @@ from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, al
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
-from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, improved, replacements
+from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, NEAR_SHARE, improved, replacements
 from poise.mismatch.inference.search import search
 from poise.mismatch.inference.standstill import beside_stuck_joints
 from poise.mismatch.inference.time_limit import TimeLimit
@@ -32,6 +32,7 @@ __all__ = [
     "EQUAL_EVIDENCE",
     "LOOKALIKE",
     "MATERIAL_EXCESS",
+    "NEAR_SHARE",
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",

@@ -1,0 +1,212 @@
+"""One signal of a recording, examined: what the search found, what is proven of it, and what is left."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
+from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
+from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
+from poise.mismatch.answer.residual_windows import ResidualWindow, locate
+from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
+from poise.mismatch.effects import Effect
+from poise.mismatch.inference import (
+    WARM_STEPS,
+    EffectCandidate,
+    HeldOutProof,
+    HypothesisFit,
+    HypothesisSearch,
+    Problem,
+    ProvenModel,
+    TimeLimit,
+    fit,
+    held_out,
+    improved,
+    names,
+    proven,
+    relative_error,
+    replacements,
+    residual_of,
+    search,
+    tail,
+    variations,
+)
+from poise.mismatch.reading import without
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
+from poise.types import Array, Mask
+
+FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
+"""Shares of the time until the deadline at which the search ends, and the comparison of the answer with its rivals; the
+proof takes the rest."""
+_REPLACED = 2
+"""Times that an effect of the answer may be replaced by a better one."""
+_ALLOWED, _LEAST = 0.15, 1e-3
+"""Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them, and the
+least one of the nominal model by which a misfit is divided."""
+
+_Proven = tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]
+
+
+@dataclass(frozen=True, eq=False)
+class SignalDiagnosis:
+    """One signal of a recording, examined.
+
+    Args:
+        problem: the signal, under the noise that the best model leaves.
+        nominal, best: the fits without and with the findings.
+        search: all hypotheses that were tried.
+        findings: the named effects, the likeliest first.
+        unknown: or None.
+        residual_test: of what the best model leaves.
+        windows: in which the nominal model is off.
+        calibration: its errors as fitted, inside their tolerances.
+        held_out: (N,) the samples that no fit of the proof sees.
+        proof: errors on them.
+        unproven: effects that the evidence supported, but that have no proof, and what it lacks.
+    """
+
+    problem: Problem
+    nominal: HypothesisFit
+    best: HypothesisFit
+    search: HypothesisSearch
+    findings: tuple[NamedEffect, ...]
+    unknown: UnknownPhysics | None
+    residual_test: ResidualTest
+    windows: tuple[ResidualWindow, ...]
+    calibration: tuple[CalibrationEstimate, ...]
+    held_out: Mask
+    proof: HeldOutProof
+    unproven: dict[str, str]
+
+    @property
+    def nrmse(self) -> Array:
+        """(2, C) error of the nominal model as given and of the best fit, relative to the measured signal."""
+        problem, rows = self.problem, self.problem.active
+        predicted = problem.predicted(problem.recorded)
+        left = problem.left_by(predicted + self.best.response + self.best.calibrated)
+        signal, *errors = (
+            np.sqrt(np.mean(part[rows] ** 2, axis=0)) for part in (problem.measured, problem.measured - predicted, left)
+        )
+        return relative_error(np.array(errors), signal)
+
+
+def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
+    """A mask of wrench samples at the stamps of another signal."""
+    return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
+
+
+def examined_signal(
+    problem: Problem,
+    last: Mask | None,
+    library: Sequence[Effect] | None,
+    limit: TimeLimit,
+    suspects: frozenset[str],
+    rivals: bool,
+) -> SignalDiagnosis:
+    """One signal against the model.
+
+    Args:
+        problem: the signal. last, library, rivals: see `diagnose`.
+        limit: time of the search.
+        suspects: effects that another signal supports without proof, see `beliefs`.
+    """
+    seen, looked, held = problem, problem, tail(problem)
+    if last is not None:
+        # The last of several recordings is not used before the proof.
+        held = _at_stamps(problem.recorded, last, problem.seconds)
+        seen = replace(problem, judged=~held)
+        looked = problem.of(without(problem.recorded, last))
+    state, best = search(looked, library, limit)
+    (model, final, best, proof), instead = _with_rivals(state, best, seen, held, rivals)
+    nominal = fit(final, ()) if best.parts else best
+    detected = shown_effects(final, best, library)
+    rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
+    left = unknown_physics(final, best, rest)
+    beside = "" if left is None else next(iter(left.depends_on), "time")
+    varied = variations(final, best.parts)
+    named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
+    unnamed = unclear(named)
+    doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
+    effort = None if problem.signal == "wrench" else problem.recorded.effort
+    channels = WRENCH_CHANNELS if effort is None else effort.names
+    # With the best model's calibration: a calibration without the findings would be biased by them.
+    off = final.measured - final.predicted(final.recorded) - best.calibrated
+    return SignalDiagnosis(
+        problem=final,
+        nominal=nominal,
+        best=best,
+        search=state,
+        findings=(*(each for each in named if each not in unnamed), *detected),
+        unknown=unknown_physics(final, best, rest, undetermined(final, unnamed)),
+        residual_test=rest,
+        windows=locate(final.recorded, off, final.noise, channels),
+        calibration=calibration_estimates(final, best),
+        held_out=held,
+        proof=proof,
+        unproven=model.dropped | doubts,
+    )
+
+
+def _with_rivals(
+    state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask, rivals: bool
+) -> tuple[_Proven, tuple[dict[str, EffectCandidate], ...]]:
+    """The proven model after better effects took the place of its own, and what each effect wins in each place."""
+    found = _proven(state, best, seen, held)
+    if not rivals:
+        return found, tuple({} for _ in found[0].fit.parts)
+    state.limit = state.limit.extended(_FOR_RIVALS / FOR_SEARCH)
+    instead = replacements(state, found[0].fit)
+    for _ in range(_REPLACED):
+        better = None if state.limit.over() else improved(state, found[0].fit, instead)
+        if better is None:
+            break
+        tried = _proven(state, better, seen, held)
+        if set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit)):
+            found = tried
+            instead = replacements(state, found[0].fit)
+    return found, instead
+
+
+def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:
+    """The largest model whose effects have their proof and that does not increase the held-out error.
+
+    Returns:
+        The model with its proofs; the signal under the noise that it leaves, its fit there, and the held-out errors.
+    """
+    dropped: dict[str, str] = {}
+    while True:
+        model = proven(state, best)
+        best = model.fit
+        if state.problem is not seen:
+            best = fit(seen, [part.carried(seen.recorded) for part in best.parts], WARM_STEPS)
+        final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
+        best = _settled(final, best)
+        proof = held_out(replace(final, judged=None), best, held)
+        dropped |= model.dropped
+        if not best.parts or not proof.worse:
+            return replace(model, dropped=dropped), final, best, proof
+        best = model.shorter()
+        lost = set(names(model.fit)) - set(names(best))
+        dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
+
+
+def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
+    """The fit under the final noise."""
+    if final.signal == "wrench":
+        return fit(final, best.parts, WARM_STEPS)
+    return fit(final, fit(final.weighed(), best.parts, WARM_STEPS).parts, 0)
+
+
+def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
+    """(C,) one sigma of the rounding of the readings; 0 without rounding."""
+    rounded = [each for each in detected if each.effect.name == "quantisation"]
+    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in rounded]
+    return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
+
+
+def _misfit(proof: HeldOutProof, excess: float) -> float:
+    """Share of the nominal model's error that an answer leaves; all of it where no sample was held out to show it."""
+    left = np.max([proof.augmented**2 - 1.0 - _ALLOWED, excess, 0.0])  # NaN stays
+    misfit = float(left) / max(proof.in_range**2 - 1.0, _LEAST)
+    return min(misfit, 1.0) if np.isfinite(misfit) else 1.0
