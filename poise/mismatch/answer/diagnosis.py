@@ -163,21 +163,19 @@ def diagnose(
     if recorded.effort is not None and recorded.effort.names:
         signals.append("effort")
     tried = all_effects() if library is None else library
-    examination = _Examination(recorded, model, last, tried, rivals, deadline, progress, len(signals))
-    examined: list[SignalDiagnosis] = []
-    for signal in signals:
-        examined.append(examination.of_wrench() if signal == "wrench" else examination.of_efforts(examined))
+    examination = _Examination(recorded, model, last, tried, rivals, deadline, progress, signals)
+    examined = examination.of_all()
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
         for effect in tried
         if effect.signal not in signals
     }
-    return Diagnosis(tuple(examined), time.perf_counter() - examination.begin, missing)
+    return Diagnosis(examined, time.perf_counter() - examination.begin, missing)
 
 
 @dataclass
 class _Examination:
-    """The signals of a recording, one after the other; see `diagnose`."""
+    """The signals of a recording; see `diagnose`."""
 
     recorded: RecordedMotion
     model: NominalModel
@@ -186,37 +184,42 @@ class _Examination:
     rivals: bool
     deadline: float
     progress: Callable[[float], None] | None
-    signals: int
+    signals: Sequence[str]
     begin: float = field(default_factory=time.perf_counter)
 
-    def of_wrench(self) -> SignalDiagnosis:
-        """The wrench, with the joint efforts as a witness."""
-        problem = wrench_problem(self.recorded, self.model)
-        limit, refuted = self._limit(0), dict[str, str]()
-        found = examined_signal(problem, self.last, self.library, limit, frozenset(), self.rivals)
-        for _ in range(_CONTRADICTIONS if self.signals > 1 else 0):
-            against = contradicted(self.recorded, self.model, found.findings)
-            limit = replace(self._limit(0), progress=None)
-            if not against or limit.over():
+    def of_all(self) -> tuple[SignalDiagnosis, ...]:
+        """One signal after the other, and again without the names of the wrench that the efforts contradict."""
+        refuted: dict[str, str] = {}
+        found = self._of_each(refuted)
+        for _ in range(_CONTRADICTIONS if len(found) > 1 else 0):
+            wrench, efforts = found
+            against = contradicted(self.recorded, self.model, wrench.findings, efforts)
+            if not against or any(each.search.limit.cut for each in found):
                 break
             refuted |= dict.fromkeys(against, "the joint efforts contradict it")
-            others = [each for each in self.library if each.name not in refuted]
-            found = examined_signal(problem, self.last, others, limit, frozenset(), self.rivals)
-            found = replace(found, unproven=found.unproven | refuted)
+            found = self._of_each(refuted)
         return found
 
-    def of_efforts(self, examined: Sequence[SignalDiagnosis]) -> SignalDiagnosis:
-        """The joint efforts, beside what the wrench showed."""
-        suspects = frozenset(name for one in examined if one.unknown is not None for name in one.unproven)
-        problem = beside_stuck_joints(_efforts(self.recorded, self.model, examined), self.library)
-        limit = self._limit(len(examined))
-        return examined_signal(problem, self.last, self.library, limit, suspects, self.rivals)
+    def _of_each(self, refuted: dict[str, str]) -> tuple[SignalDiagnosis, ...]:
+        """Every signal, the wrench without some effects."""
+        found: list[SignalDiagnosis] = []
+        for signal in self.signals:
+            without = refuted if signal == "wrench" else {}
+            library = [each for each in self.library if each.name not in without]
+            if signal == "wrench":
+                problem = wrench_problem(self.recorded, self.model)
+            else:
+                problem = beside_stuck_joints(_efforts(self.recorded, self.model, found), library)
+            suspects = frozenset(name for one in found if one.unknown is not None for name in one.unproven)
+            limit = self._limit(len(found), None if refuted else self.progress)
+            one = examined_signal(problem, self.last, library, limit, suspects, self.rivals)
+            found.append(replace(one, unproven=one.unproven | without))
+        return tuple(found)
 
-    def _limit(self, before: int) -> TimeLimit:
+    def _limit(self, before: int, progress: Callable[[float], None] | None) -> TimeLimit:
         """The time that a search has after `before` signals."""
-        left = self.deadline - (time.perf_counter() - self.begin)
-        share = 1.0 / self.signals
-        return TimeLimit(FOR_SEARCH * left / (self.signals - before), self.progress, (before * share, share))
+        left, share = self.deadline - (time.perf_counter() - self.begin), 1.0 / len(self.signals)
+        return TimeLimit(FOR_SEARCH * left / (len(self.signals) - before), progress, (before * share, share))
 
 
 def _efforts(recorded: RecordedMotion, model: NominalModel, examined: Sequence[SignalDiagnosis]) -> Problem:

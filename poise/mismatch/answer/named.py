@@ -129,6 +129,7 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
     effect, values = part.effect, dict(part.values)
     parameters = effect.parameters(recorded)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unused = effect.inert(values)
 
     def unit(name: str, turning: str) -> str:
         return joint_unit(recorded, turning, name, values) if effect.layer == "friction" else turning
@@ -136,7 +137,7 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
     reported = {
         p.name: Quantity(float(values[p.name]), float(s), unit(p.name, p.unit))
         for p, s in zip(parameters, sigma, strict=True)
-        if not p.hidden
+        if not p.hidden and p.name not in unused
     }
     derived = effect.derived(recorded, values)
     if not derived:

@@ -93,15 +93,15 @@ def _by_laws(examined: SignalDiagnosis, findings: Mapping[str, NamedEffect]) -> 
     friction = [each for each in (dry, viscous) if each is not None]
     left = left + np.sum([each.effect.simulate(recorded, each.values) for each in friction], axis=0)
     found: dict[tuple[str, str], float] = {}
+    every = [each[rows] for each in laws_of_dry_friction(recorded)]
     for j, (number, joint) in enumerate(numbered_joints(recorded).items()):
         beside = [np.ones(len(left)), np.sin(effort.position[:, j]), np.cos(effort.position[:, j]), effort.rigid[:, j]]
         beside += [effort.acceleration[:, j]] * ("motor_inertia" in findings)
         beside += [effort.velocity[:, j]] * (viscous is not None)
-        laws = [each[rows] for each in laws_of_dry_friction(recorded, j)]
         now = [dry.values[f"torque_{number}"]]
         if viscous is not None:
             now.append(viscous.values[f"damping_{number}"])
-        ranges = _ranges(laws, np.column_stack(beside)[rows], left[rows, j], now)
+        ranges = _ranges([each[:, j] for each in every], np.column_stack(beside)[rows], left[rows, j], now)
         found |= {(joint, kind): half for kind, half in zip(("friction", "damping"), ranges, strict=False)}
     return found
 

@@ -8,8 +8,8 @@ import numpy as np
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
-    RAMP_DEFAULTS,
-    TwoLawFriction,
+    REVERSAL_DEFAULTS,
+    DryFriction,
     each_joint,
     in_model,
     lacking,
@@ -25,14 +25,17 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
-class CoulombFriction(TwoLawFriction):
-    """tau_j = c_j s_j + b_j |s_j|, s = tanh(v / width): b is the difference between the two directions."""
+class CoulombFriction(DryFriction):
+    """tau_j = c_j s_j + b_j |s_j|, s as in `reversal`: b is the difference between the two directions."""
 
     name = "coulomb_friction"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_j = torque_j s_j + asymmetry_j |s_j|, s_j = tanh(v_j / transition)"
-    source = "Coulomb 1785; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
+    equation = (
+        "dtau_j = torque_j s_j + asymmetry_j |s_j|, s_j = tanh(v_j / transition), "
+        "or presliding_j ds_j/dq_j = sign(v_j) - s_j"
+    )
+    source = "Coulomb 1785; Dahl 1976; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
     excited_by = "reversals: the torque jumps by twice the friction"
     separating_motion = "each joint evenly at five speeds both ways: Coulomb friction is equal at all of them"
     confused_with = (
@@ -45,7 +48,7 @@ class CoulombFriction(TwoLawFriction):
     )
     needs = ("effort",)
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction"}
-    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0, **RAMP_DEFAULTS}
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0, **REVERSAL_DEFAULTS}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes, joints = torque_sizes(recorded), numbers(recorded)

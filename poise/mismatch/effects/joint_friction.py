@@ -1,9 +1,10 @@
-"""Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
+"""Shared by effects on joint efforts: joint numbers, laws of dry friction, and typical sizes."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
@@ -21,22 +22,33 @@ def transitions() -> Iterable[Values]:
         yield {TRANSITION.name: width}
 
 
-RAMPS_LAW = EffectParameter("law", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)
-"""0: dry friction reverses as tanh(v / transition) in all joints; 1: as a soft constraint of a physics engine."""
+SMOOTH, SOFT, PRESLIDING = 0.0, 1.0, 2.0
+"""How dry friction reverses in all joints: as tanh(v / transition), as a soft constraint of a physics engine, or along
+the first distance after a reversal, as bristles that bend."""
+LAW = EffectParameter("law", "", low=SMOOTH, high=PRESLIDING, linear=False, choice=True, hidden=True)
 RAMPS_LEAD = EffectParameter("lead", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True)
 """The time constant of the constraint; of MuJoCo by default solref, 0.02 s, times solimp's 0.95, over 2."""
-RAMP_DEFAULTS: Values = {"law": 0.0, "lead": 0.0095, "ramp": 0.02}
+REVERSAL_DEFAULTS: Values = {"law": SMOOTH, "lead": 0.0095, "ramp": 0.02, "presliding": 2e-3}
 _RAMPS = np.geomspace(0.004, 0.8, 12)
-_OF_RAMPS = ("lead", "ramp_")
-"""Stems of the parameters of the soft constraint alone."""
+_DISTANCES = np.geomspace(1e-4, 0.03, 10)
+_OF_LAW = {SMOOTH: ("transition",), SOFT: ("lead", "ramp_"), PRESLIDING: ("presliding_",)}
+"""Stems of the parameters of each law alone."""
+_STILL = 2e-3
+"""Share of the usual speed of a joint below which it stands still: its path would be noise."""
 
 
-def ramps(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-    """The speed, rad/s, up to which the soft friction of each joint grows."""
-    return tuple(
-        EffectParameter(f"ramp_{i}", "rad/s", low=5e-4, high=3.0, linear=False, log=True, hidden=True)
+def reversal_parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+    """Of the law by which dry friction reverses, see `reversal`.
+
+    `ramp`: the speed up to which the soft friction of a joint grows; `presliding`: see `presliding_sense`.
+    """
+    kinds = (("ramp", "rad/s", 5e-4, 3.0), ("presliding", "rad", 1e-6, 0.05))
+    each = (
+        EffectParameter(f"{kind}_{i}", unit, low=low, high=high, linear=False, log=True, hidden=True)
+        for kind, unit, low, high in kinds
         for i in numbers(recorded)
     )
+    return (TRANSITION, LAW, RAMPS_LEAD, *each)
 
 
 def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
@@ -50,65 +62,97 @@ def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
     return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
 
 
-def reversal_parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-    """Of the law by which dry friction reverses, see `reversal`."""
-    return (TRANSITION, RAMPS_LAW, RAMPS_LEAD, *ramps(recorded))
+def presliding_sense(recorded: RecordedMotion, values: Values) -> Array:
+    """(M, J) the law of bristles: after a reversal, dry friction approaches its size along the path of the joint.
+
+    dy/dx = (sign(dx) - y) / d, with the distance d of each joint (Dahl 1976, "Solid friction damping of mechanical
+    vibrations"; de Wit et al. 1995 with stiff bristles), exact between samples; y = 0 at the first.
+    """
+    track = efforts(recorded)
+    usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)
+    moving = np.abs(track.velocity[1:]) > _STILL * usual
+    path = np.where(moving, np.diff(track.position, axis=0), 0.0)
+    kept = np.exp(-np.abs(path) / of_joints(recorded, values, "presliding"))
+    return np.stack([_followed(*pair) for pair in zip(kept.T, np.sign(path).T, strict=True)], axis=1)
+
+
+def _followed(kept: Array, towards: Array) -> Array:
+    """(M,) y[k + 1] = kept[k] y[k] + (1 - kept[k]) towards[k], from y = 0."""
+    band = np.ones((2, len(kept) + 1), order="F")
+    band[1, :-1] = -kept
+    right = np.concatenate([[0.0], (1.0 - kept) * towards])
+    return np.asarray(dtbtrs(band, right[:, None], uplo="L")[0][:, 0])
 
 
 def reversal(recorded: RecordedMotion, values: Values) -> Array:
-    """(M, J) the sense of dry friction, -1 to 1, by either law: smooth about rest, or a soft constraint."""
-    return soft_sense(recorded, values) if values["law"] else sense(recorded, values[TRANSITION.name])
+    """(M, J) the sense of dry friction, -1 to 1, by the law of the values."""
+    if values["law"] == SOFT:
+        return soft_sense(recorded, values)
+    if values["law"] == PRESLIDING:
+        return presliding_sense(recorded, values)
+    return sense(recorded, values[TRANSITION.name])
 
 
 def reversals_by_law(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-    """Values of `reversal_parameters` from which a fit reaches every other one; the soft constraint comes last."""
-    common = {p.name: RAMP_DEFAULTS["ramp"] for p in ramps(recorded)}
-    common |= {name: RAMP_DEFAULTS[name] for name in ("law", "lead")}
+    """Values of `reversal_parameters` from which a fit reaches every other one: smooth, bristles, soft constraint."""
+    common = {p.name: REVERSAL_DEFAULTS[p.name.partition("_")[0]] for p in reversal_parameters(recorded)[1:]}
     for start in transitions():
         yield {**common, **start}
-    soft = likely_ramps(recorded, residual)
-    yield {**common, **soft, "law": 1.0, TRANSITION.name: COULOMB_TRANSITION}
+    common[TRANSITION.name] = COULOMB_TRANSITION
+    for law in (PRESLIDING, SOFT):
+        yield {**common, **likely_reversals(recorded, residual, law), "law": law}
 
 
-class TwoLawFriction(Effect):
-    """Dry friction with the parameters of `reversal`: it reverses by either law."""
-
-    dry = True
+class DryFriction(Effect):
+    """Dry friction with the parameters of `reversal`: it reverses by one of three laws."""
 
     def general_at(self, start: Values) -> bool:
         """Real drives follow no engine's law, whose ramps can imitate other effects."""
-        return bool(start["law"])
+        return start["law"] == SOFT
 
     def inert(self, values: Values) -> tuple[str, ...]:
-        return (TRANSITION.name,) if values["law"] else tuple(name for name in values if name.startswith(_OF_RAMPS))
+        others = tuple(stem for law, stems in _OF_LAW.items() if law != values["law"] for stem in stems)
+        return tuple(name for name in values if name.startswith(others))
+
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        """The distances of the law of bristles."""
+        names = (f"presliding_{i}" for i in numbers(recorded))
+        return {name: (values[name], "rad") for name in names} if values["law"] == PRESLIDING else {}
 
 
-def likely_ramps(recorded: RecordedMotion, residual: Array) -> Values:
-    """The ramp of each joint with which soft friction explains most of a residual (M, J), beside what is smooth."""
+def likely_reversals(recorded: RecordedMotion, residual: Array, law: float) -> Values:
+    """The ramp or the distance of each joint with which its friction explains most of a residual (M, J).
+
+    It is found beside what is smooth.
+    """
     track = efforts(recorded)
     turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
+    stem, tried = ("ramp", _RAMPS) if law == SOFT else ("presliding", _DISTANCES)
+    senses = np.stack([_reversed(recorded, law, stem, size) for size in tried.tolist()], axis=2)
     found = {}
     for j, i in enumerate(numbers(recorded)):
         beside = np.column_stack([turned, track.velocity[:, j], track.acceleration[:, j], track.rigid[:, j]])
         smooth = np.linalg.qr(beside)[0]
-        ahead = track.velocity[:, j] + RAMP_DEFAULTS["lead"] * track.acceleration[:, j]
-        dry = np.clip(ahead[:, None] / _RAMPS, -1.0, 1.0)
-        dry -= smooth @ (smooth.T @ dry)
+        dry = senses[:, j] - smooth @ (smooth.T @ senses[:, j])
         left = residual[:, j] - smooth @ (smooth.T @ residual[:, j])
         won = (left @ dry) ** 2 / np.maximum((dry**2).sum(axis=0), 1e-9 * len(dry))
-        found[f"ramp_{i}"] = float(_RAMPS[int(np.argmax(won))])
+        found[f"{stem}_{i}"] = float(tried[int(np.argmax(won))])
     return found
 
 
-def laws_of_dry_friction(recorded: RecordedMotion, joint: int) -> Iterable[Array]:
-    """(M,) how dry friction of 1 N m of a joint (its column) may reverse: smoothly, or as a soft constraint."""
-    track = efforts(recorded)
-    velocity = track.velocity[:, joint]
+def _reversed(recorded: RecordedMotion, law: float, stem: str, size: float) -> Array:
+    """(M, J) the sense of dry friction with one ramp or distance for all joints."""
+    values = {f"{stem}_{i}": size for i in numbers(recorded)}
+    return reversal(recorded, {**values, "law": law, RAMPS_LEAD.name: REVERSAL_DEFAULTS["lead"]})
+
+
+def laws_of_dry_friction(recorded: RecordedMotion) -> Iterable[Array]:
+    """(M, J) how dry friction of 1 N m of each joint may reverse."""
     for start in transitions():
-        yield np.tanh(velocity / start[TRANSITION.name])
-    ahead = velocity + RAMP_DEFAULTS["lead"] * track.acceleration[:, joint]
-    for ramp in _RAMPS:
-        yield np.clip(ahead / ramp, -1.0, 1.0)
+        yield sense(recorded, start[TRANSITION.name])
+    for law, stem, tried in ((SOFT, "ramp", _RAMPS), (PRESLIDING, "presliding", _DISTANCES)):
+        for size in tried.tolist():
+            yield _reversed(recorded, law, stem, size)
 
 
 def efforts(recorded: RecordedMotion) -> EffortTrack:

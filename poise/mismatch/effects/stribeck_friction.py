@@ -8,8 +8,8 @@ import numpy as np
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
-    RAMP_DEFAULTS,
-    TwoLawFriction,
+    REVERSAL_DEFAULTS,
+    DryFriction,
     each_joint,
     efforts,
     in_model,
@@ -29,10 +29,10 @@ _SLOW = 0.5
 """Share of the largest speed below which stiction acts."""
 
 
-class StribeckFriction(TwoLawFriction):
+class StribeckFriction(DryFriction):
     """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) s(v_j) + d_j v_j; one v_s for all joints.
 
-    s = tanh(v_j / width), or reverses as a soft constraint, see `soft_sense`.
+    s reverses by one of the laws of `reversal`.
     """
 
     name = "stribeck_friction"
@@ -44,7 +44,7 @@ class StribeckFriction(TwoLawFriction):
     separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
-    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, **RAMP_DEFAULTS}
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, **REVERSAL_DEFAULTS}
     of_joint: ClassVar[dict[str, str]] = {"torque": "friction", "damping": "damping"}
     made_of = ("coulomb_friction", "viscous_friction")
 
@@ -67,10 +67,10 @@ class StribeckFriction(TwoLawFriction):
         return tuple(made)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        sharp, *_, soft = reversals_by_law(recorded, residual)
+        sharp, *_, bent, soft = reversals_by_law(recorded, residual)
         for velocity in (0.05, 0.15):
-            yield {"velocity": velocity, **sharp}
-            yield {"velocity": velocity, **soft}
+            for law in (sharp, bent, soft):
+                yield {"velocity": velocity, **law}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         velocity, against = efforts(recorded).velocity, reversal(recorded, nonlinear)

@@ -7,7 +7,7 @@ from poise.mismatch.reading.joining import joined, spans, with_common_efforts, w
 from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.joint_names import read_joint_names
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
-from poise.mismatch.reading.load_on_efforts import acting_on_efforts, on_efforts, with_rest
+from poise.mismatch.reading.load_on_efforts import LoadOnEfforts, acting_on_efforts, on_efforts, with_rest
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
@@ -24,6 +24,7 @@ from poise.mismatch.reading.simulator import nominal_description
 
 __all__ = [
     "InputFinding",
+    "LoadOnEfforts",
     "MeasuredStreams",
     "ModelEffect",
     "NominalModel",
