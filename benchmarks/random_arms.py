@@ -1,0 +1,253 @@
+"""Diagnoses of random arms, each with its own joints, mounting, motion, clocks and noise.
+
+python -m benchmarks.random_arms [--first SEED] [--count N]; seeds from 7000 to 7999 are for development.
+
+Each arm is recorded twice along one motion: as declared, with all errors at the edges of their tolerances and a zero
+of the sensor that swings instead of drifting along a line; and with friction by the law of LuGre, and rotors, in all
+joints.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from scipy.interpolate import make_interp_spline
+
+from benchmarks.foreign import bag
+from benchmarks.foreign.honest import TOLERANCE, Honest, draw
+from benchmarks.foreign.load import random_load
+from benchmarks.foreign.motions import STEP, Reference
+from benchmarks.foreign.noise import NOISES
+from benchmarks.foreign.profiles import Profile
+from benchmarks.foreign.recorder import Recorder
+from benchmarks.foreign.robots import Array, Robot
+from benchmarks.foreign.run import answer
+from benchmarks.foreign.world import Scene, Track, rigid
+
+DRY, OTHER = ("coulomb_friction", "stribeck_friction"), ("viscous_friction", "motor_inertia")
+_MOUNTS = {"floor": "0 0 0", "ceiling": "3.141592653589793 0 0", "wall": "1.5707963267948966 0 0.4"}
+_LIMIT = 300
+"""s of CPU for one answer."""
+_EDGE = 2
+"""Steps at either end without an acceleration."""
+console = Console(width=120)
+
+
+def random_arm(folder: Path, rng: np.random.Generator) -> Robot:
+    """An arm of two to seven joints about random axes, on the floor, the ceiling or a wall."""
+    count = int(rng.integers(2, 8))
+    root = ElementTree.Element("robot", name="arm")
+    ElementTree.SubElement(root, "link", name="base_link")
+    parent, place, turn = "base_link", "0 0 0.1", _MOUNTS[str(rng.choice(list(_MOUNTS)))]
+    axis = np.array([0.0, 0.0, 1.0])
+    for number in range(1, count + 1):
+        joint = _joint(root, f"axis_{number}", parent, f"link_{number}", place, turn)
+        ElementTree.SubElement(joint, "axis", xyz=_text(axis * rng.choice([-1, 1])))
+        ElementTree.SubElement(joint, "limit", lower="-2.9", upper="2.9", effort="200", velocity="3")
+        length, mass = float(rng.uniform(0.08, 0.38)), float(rng.uniform(1.0, 6.0) * 0.85**number)
+        size = np.array([0.09, 0.09, length])
+        _link(root, f"link_{number}", mass, [*rng.uniform(-0.02, 0.02, 2), length / 2], size)
+        parent, place, turn = f"link_{number}", f"0 0 {length!r}", _text(rng.choice([0, np.pi / 2, -np.pi / 2], 3))
+        axis = np.eye(3)[[i for i in range(3) if not axis[i]][int(rng.integers(2))]]
+    _joint(root, "mount", parent, "ft_sensor", place, f"0 0 {float(rng.uniform(-3, 3))!r}", "fixed")
+    ElementTree.SubElement(root, "link", name="ft_sensor")
+    file = folder / "arm.urdf"
+    ElementTree.ElementTree(root).write(file)
+    home = tuple(rng.uniform(-0.8, 0.8, count).tolist())
+    usual = (0.1,) * count  # of the efforts: see `recorded`
+    names = tuple(f"axis_{number}" for number in range(1, count + 1))
+    return Robot(file, "ft_sensor", names, home, (0.8,) * count, (1.0,) * count, (2e-5,) * count, usual, (0.5, 3.0))
+
+
+def _joint(root: ElementTree.Element, *words: str) -> ElementTree.Element:
+    name, parent, child, place, turn, kind = (*words, "revolute")[:6]
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    ElementTree.SubElement(joint, "origin", xyz=place, rpy=turn)
+    return joint
+
+
+def _link(root: ElementTree.Element, name: str, mass: float, middle: Sequence[float], size: Array) -> None:
+    inertial = ElementTree.SubElement(ElementTree.SubElement(root, "link", name=name), "inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=_text(middle), rpy="0 0 0")
+    ElementTree.SubElement(inertial, "mass", value=repr(mass))
+    moments = (mass / 12 * (size @ size - size**2)).tolist()
+    zero = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    ElementTree.SubElement(
+        inertial, "inertia", zero | dict(zip(("ixx", "iyy", "izz"), map(repr, moments), strict=True))
+    )
+
+
+def _text(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def random_motion(robot: Robot, seconds: float, rng: np.random.Generator) -> Reference:
+    """Between random points by quintic polynomials, with or without pauses; one joint at a time; or a smooth walk."""
+    kind = str(rng.choice(["moves", "pauses", "one joint", "walk"]))
+    home, reach, speed = np.array(robot.home), np.array(robot.reach), float(rng.uniform(0.5, 1.3))
+    times, points = [0.0], [home]
+    while times[-1] < seconds + 1.0:
+        goal = home + reach * rng.uniform(-1, 1, len(home))
+        if kind == "one joint":
+            goal = np.where(np.arange(len(home)) == rng.integers(len(home)), goal, points[-1])
+        times.append(times[-1] + max(0.6, 1.9 * float(np.abs(goal - points[-1]).max()) / speed))
+        points.append(goal)
+        if kind in ("pauses", "one joint"):
+            times.append(times[-1] + float(rng.uniform(0.2, 1.2)))
+            points.append(goal)
+    at = np.arange(0.0, seconds, STEP)
+    if kind == "walk":
+        course = make_interp_spline(times, points, k=5)
+        return course(at), course(at, 1), course(at, 2)
+    knots, where = np.array(times), np.array(points)
+    i = np.searchsorted(knots, at, side="right") - 1
+    span, change = (knots[i + 1] - knots[i])[:, None], where[i + 1] - where[i]
+    s = (at - knots[i])[:, None] / span
+    return (
+        where[i] + change * s**3 * (10 - 15 * s + 6 * s**2),
+        change * 30 * s**2 * (1 - s) ** 2 / span,
+        change * 60 * s * (1 - s) * (1 - 2 * s) / span**2,
+    )
+
+
+def bristles(velocity: Array, size: Array, rng: np.random.Generator) -> Array:
+    """(N, J) N m: friction by the law of LuGre with stiff bristles, damping, and a difference between the directions.
+
+    Args:
+        velocity: (N, J) rad/s, every STEP. size: (J,) N m, a large effort of each joint.
+    """
+    out = np.empty_like(velocity)
+    for joint, speed in enumerate(velocity.T):
+        dry, distance = size[joint] * rng.uniform(0.05, 0.3), rng.uniform(5e-4, 4e-3)
+        uneven, more = 0.1 * rng.normal(), float(rng.choice([0.0, 0.3]))
+        damping = size[joint] * rng.uniform(0.02, 0.3) / max(float(speed.std()), 0.05)
+        bent = 0.0
+        for row, v in enumerate(speed.tolist()):
+            side = 1.0 if v > 0.0 else -1.0
+            bent = side + (bent - side) * np.exp(-abs(v) * STEP / distance)
+            slow = 1.0 + more * np.exp(-((v / 0.04) ** 2))
+            out[row, joint] = dry * (1.0 + uneven * (bent > 0.0)) * slow * bent + damping * v
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class SwingingZero(Honest):
+    """A healthy machine whose sensor's zero swings inside the tolerance of its drift."""
+
+    def sense(self, seconds: Array, wrench: Array) -> Array:
+        passed = seconds / seconds[-1]
+        curve = np.sin(1.6 * np.pi * passed) / 2 - (passed - 0.5)
+        return np.asarray(super().sense(seconds, wrench) + np.outer(curve, self.drift))
+
+
+def profile_of(rng: np.random.Generator) -> Profile:
+    """How the arm is recorded."""
+    families = sorted(NOISES)
+    return Profile(
+        "random",
+        "random",
+        effort=True,
+        wrench_rate=float(rng.choice([62.5, 100.0, 125.0, 250.0])),
+        joint_rate=float(rng.choice([100.0, 250.0, 500.0])),
+        noise=str(rng.choice(families)),
+        force=float(rng.uniform(0.05, 0.2)),
+        effort_noise=str(rng.choice(families)),
+        encoder=float(rng.choice([0.5, 1.5])),
+        bits=int(rng.choice([0, 16, 18])),
+        velocity=str(rng.choice(["measured", "filtered", "absent"])),
+        clock=str(rng.choice(["steady", "jitter"])),
+    )
+
+
+def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
+    """The folders of the two recordings of an arm: as declared, and with friction and rotors."""
+    rng = np.random.default_rng([seed, 4711])
+    robot, seconds = random_arm(folder, rng), float(rng.uniform(15.0, 40.0))
+    load, motion = random_load(*robot.payload, rng), random_motion(robot, seconds, rng)
+    declared = Scene(robot, load, motion)
+    honest = SwingingZero(**vars(draw(declared, rng)))
+    true = Scene(robot, honest.load(load), motion, None, honest.links, honest.gravity())
+    rows = np.arange(_EDGE, len(motion[0]) - _EDGE)
+    still = np.zeros((len(motion[0]), 3))
+    wrench, effort = rigid(true, motion[0], still, rows)
+    position, velocity, acceleration = (part[rows] for part in motion)
+    size = np.maximum(effort.std(axis=0), 0.1 * effort.std(axis=0).max()) + 0.1
+    robot = replace(robot, effort=tuple((0.015 * size).tolist()))
+    rotors = size * rng.uniform(0.02, 0.3, len(size)) / np.maximum(acceleration.std(axis=0), 0.2)
+    free = np.zeros((len(rows), 3))
+    places = np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
+    made = Track(rows * STEP, position, velocity, effort, free, free, wrench, np.zeros(len(rows)), *places)
+    loaded = replace(made, effort=effort + bristles(velocity, size, rng) + rotors * acceleration)
+    profile = profile_of(rng)
+    model = {"sensor_frame": robot.frame, "payload": load.whole.document(), "tolerance": TOLERANCE}
+    cases = folder / "declared", folder / "friction"
+    for number, (case, course) in enumerate(zip(cases, (made, loaded), strict=True)):
+        case.mkdir()
+        recorder = Recorder(profile, replace(true, robot=robot), honest, (), np.random.default_rng([seed, number]))
+        bag.write(recorder.record(course), case / "recording.mcap")
+        (case / "model.yaml").write_text(yaml.safe_dump(model))
+    return cases
+
+
+@dataclass
+class Counts:
+    """What the answers said."""
+
+    declared: int = 0
+    none: int = 0
+    dry: int = 0
+    others: int = 0
+    false: int = 0
+    errors: tuple[float, ...] = ()
+
+    def add(self, healthy: dict[str, Any], loaded: dict[str, Any]) -> None:
+        """The answers of one arm."""
+        self.declared += 1
+        self.none += healthy["verdict"] == "none"
+        names = {effect["name"] for effect in loaded["effects"]}
+        self.dry += bool(names & set(DRY))
+        self.others += names >= set(OTHER) or "stribeck_friction" in names
+        self.false += bool(names - {*DRY, *OTHER})
+        self.errors = (*self.errors, float(loaded["fit"]["holdout"]["augmented"]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=7000, help="seed of the first arm")
+    parser.add_argument("--count", type=int, default=20, help="number of arms")
+    arguments = parser.parse_args()
+    counts = Counts()
+    for seed in track(range(arguments.first, arguments.first + arguments.count), description="arms"):
+        with tempfile.TemporaryDirectory() as folder:
+            answers = [answer(case, _LIMIT) for case in recorded(seed, Path(folder))]
+        healthy, loaded = (each["answer"] for each in answers)
+        if healthy is None or loaded is None:
+            console.print(f"{seed}: {[each['message'] for each in answers]}")
+            continue
+        counts.add(healthy, loaded)
+        said = [f"{effect['name']} {100 * effect['probability']:.0f} %" for effect in loaded["effects"]]
+        console.print(f"{seed}: {healthy['verdict']}; {loaded['verdict']}: {', '.join(said)}")
+    table = Table("result", "arms")
+    total = counts.declared
+    table.add_row("as declared: verdict none", f"{counts.none} of {total}")
+    table.add_row("friction: dry friction named", f"{counts.dry} of {total}")
+    table.add_row("damping and rotors named", f"{counts.others} of {total}")
+    table.add_row("another name", f"{counts.false} of {total}")
+    spread = np.quantile(counts.errors, [0.5, 0.1, 0.9]) if counts.errors else np.full(3, np.nan)
+    table.add_row("held-out error with friction: middle; 80 %", f"{spread[0]:.2f}; {spread[1]:.2f} to {spread[2]:.2f}")
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
