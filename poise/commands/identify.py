@@ -84,7 +84,7 @@ ShapeAccuracyOption = Annotated[
     typer.Option(
         "--shape-accuracy",
         help="Relative error, one sigma, of lengths in the shape and of the borders of its parts (default: 0.0007 for a"
-        " mesh of several bodies, 0.03 for one body, 0.015 for points).",
+        " mesh of several bodies, 0.03 for one body, 0.0075 for points).",
         show_default=False,
     ),
 ]

@@ -45,13 +45,13 @@ class MergeCosts:
     """
 
     colour: float = 40.0
-    fold: float = 6.0
+    fold: float = 15.0
     hollow: float = 0.04
     size: float = 1e-3
     least: float = 0.01
     shading: float = 0.0
     one_colour: float = 1.0
-    smooth: float = 0.2
+    smooth: float = 0.35
 
 
 @dataclass(frozen=True)

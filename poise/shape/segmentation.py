@@ -42,8 +42,8 @@ class SegmentationOptions:
     points: int = 2500
     clusters: int = 120
     noise: float | None = None
-    limit: float = 0.04
-    plain_limit: float = 0.12
+    limit: float = 0.05
+    plain_limit: float = 0.14
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
     costs: MergeCosts = field(default_factory=MergeCosts)

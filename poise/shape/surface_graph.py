@@ -9,6 +9,9 @@ from poise.geometry import cross, lengths, unique_rows
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
+_SLIT = 1.35
+"""Fold inwards above which sides face each other across a slit, as in a bubble of the noise, and no two parts meet."""
+
 
 @dataclass(frozen=True, eq=False)
 class SurfaceGraph:
@@ -18,7 +21,7 @@ class SurfaceGraph:
         edges: (E, 2) vertex numbers; a vertex that is not on the surface hangs on the nearest that is.
         normals: (V, 3) outward unit normals.
         creases: (E,) how far the surface folds between the ends of an edge, 0..2: positive where it folds inwards, as
-            where two parts meet (the minima rule, thesis section 3.2.1), negative where it folds outwards.
+            where two parts meet (the minima rule, thesis section 3.2.1), negative where it folds outwards; 0 in a slit.
     """
 
     edges: Indices
@@ -36,7 +39,8 @@ def surface_graph(solid: Solid) -> SurfaceGraph:
         nearest = outer[cKDTree(points[outer]).query(points[inner])[1]]
         normals[inner] = normals[nearest]
         edges = np.concatenate([edges, np.stack([inner, nearest], axis=1)])
-    return SurfaceGraph(edges, normals, folds(points, normals, edges[:, 0], edges[:, 1]))
+    creases = folds(points, normals, edges[:, 0], edges[:, 1])
+    return SurfaceGraph(edges, normals, np.where(creases > _SLIT, 0.0, creases))
 
 
 def surface_edges(solid: Solid) -> Indices:

@@ -11,7 +11,9 @@ from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.shape.clustering import smooth_colours
 from poise.shape.metrics import global_consistency_error, undersegmentation_error
+from poise.shape.reconstruction import reconstruct
 from poise.shape.segmentation import segment
+from poise.shape.surface_graph import folds, surface_graph
 from poise.shape.thinning import thin
 
 
@@ -35,6 +37,26 @@ def test_noise_of_colours_goes_and_their_edges_stay() -> None:
     assert np.abs(smooth - step).std() < 0.02
     assert np.linalg.norm(smooth[100] - smooth[99]) > 0.9
     np.testing.assert_array_equal(smooth_colours(step, line), step)
+
+
+@pytest.mark.parametrize("noise", [3e-4, 1e-3])
+def test_a_box_is_one_part_however_it_is_sampled(noise: float) -> None:
+    """Bubbles in the noise have slits, whose sides face each other; 6 and 5 of 10 such boxes were cut along them."""
+    found = []
+    for seed in range(0, 20, 2):
+        rng = np.random.default_rng([4000, seed])
+        points = samples.box(rng, (0.12, 0.08, 0.01), 2000)
+        found.append(segment(points + noise * rng.normal(size=points.shape)).n_parts)
+    assert sum(n > 1 for n in found) <= 1
+
+
+def test_a_slit_is_no_fold_and_a_corner_between_parts_is() -> None:
+    facing = np.array([[-1.0, 0, 0.1], [1.0, 0, 0.1]]) / np.hypot(1, 0.1)
+    ends = np.array([[0.001, 0, 0], [-0.001, 0, 0]])
+    assert folds(ends, facing, np.array([0]), np.array([1]))[0] > 1.9
+    creases = surface_graph(reconstruct(samples.mallet(np.random.default_rng(2), 800)[0], 2500).solid).creases
+    assert np.count_nonzero(creases > 0.4) > 10  # between head and handle
+    assert creases.max() <= 1.35
 
 
 def test_parts_know_their_colours() -> None:

@@ -29,7 +29,7 @@ The tail is thin because every case adds its square times its probability to the
 samples cannot distinguish the cases.
 """
 
-_UNEVEN, _CUT_FROM = np.array([0.4, 0.2]), 0.01
+_UNEVEN, _CUT_FROM = np.array([0.4, 0.2]), 0.005
 """Probabilities that parts have a core or layers of another material, where the parts are guesses: in a shape of this
 accuracy or worse, from a cloud or a mesh of one body. The parts of an accurate shape are bodies of their own."""
 

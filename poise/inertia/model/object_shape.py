@@ -35,7 +35,7 @@ _MOST_BODIES = 100
 _LOOSE_FACES = 0.05
 """Share of faces outside of closed surfaces from which on the surface counts as open."""
 
-_MESH_ACCURACY, _UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
+_MESH_ACCURACY, _UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.0075
 """Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; the best of clouds."""
 
 WORST_ACCURACY = 0.15

@@ -14,7 +14,7 @@ from poise.types import Array
 _CELLS = 8000
 # Parts whose colours differ by less than this (0..1 in three channels) are likely of one material: correlation of the
 # logarithms of their densities.
-_SAME_COLOUR, SAME_DENSITY = 0.15, 0.95
+_SAME_COLOUR, SAME_DENSITY = 0.15, 0.98
 # Cut into cells, a closed surface keeps its volume within this share; an open one does not.
 _VOLUME_TOLERANCE = 0.1
 
