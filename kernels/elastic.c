@@ -6,24 +6,14 @@
 #include <string.h>
 #include <time.h>
 
-#include "bodies.h"
+#include "elastic.h"
 #include "fill.h"
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
                     NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5;
 enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2, BRIEF = 12 };
 
-/* The springs of all pairs, one pair after another. */
-struct elastic {
-  struct bodies bodies;
-  const int64_t *springs;    /* (pairs + 1) first spring of each pair */
-  const double *wrenches;    /* (springs, 3, 6) of unit forces along the normal and two tangents */
-  const double *stiffness;   /* (springs) */
-  const double *friction;    /* (springs) */
-  double catch, slack;       /* stiffness that holds every body; by how much nothing presses */
-};
-
-static double seconds(void) {
+double elastic_clock(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
   return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
@@ -369,12 +359,11 @@ static void search_line(struct aim *aim, struct steps *made, const double *u, do
 }
 
 /* u (6 n) moves by damped Newton steps that lessen the merit; the power of a push on u does not change. */
-static void newton(struct aim *aim, struct steps *made, double enough, int64_t steps, double time, double *u,
+static void newton(struct aim *aim, struct steps *made, double enough, int64_t steps, double end, double *u,
                    double *value, int64_t *taken) {
   const struct lanes *lanes = &made->lanes;
   const struct bodies *bodies = &lanes->contacts->bodies;
   const int64_t size = SIDE * bodies->count;
-  const double end = time < 0.0 ? INFINITY : seconds() + time;
   double damping = 0.0, earlier = INFINITY;
   int stale = 0, full = 0;
   const int brief = aim->push && steps <= BRIEF; /* asked of a place near a point of the path, which needs no damping */
@@ -382,7 +371,7 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
   *value = merit_at(lanes, aim, u, made->relative, made->rest);
   for (*taken = 0; *taken < steps; ++*taken) {
     if (lanes->bounds) left_over(lanes, u, aim->load, made->relative, made->rest);
-    if (sqrt(dot(made->rest, made->rest, size)) <= enough || (end < INFINITY && seconds() >= end)) break;
+    if (sqrt(dot(made->rest, made->rest, size)) <= enough || (end < INFINITY && elastic_clock() >= end)) break;
     if (aim->push && *value <= NEARLY * enough) { /* where all slides, rounding soon leaves no more to gain */
       stale = *value > GAINS * earlier ? stale + 1 : 0;
       if (stale == PATIENCE) break;
@@ -421,6 +410,48 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
   }
 }
 
+static double end_of(double time) { return time < 0.0 ? INFINITY : elastic_clock() + time; }
+
+struct steps *elastic_room(const struct elastic *contacts) {
+  struct steps *made = calloc(1, sizeof *made);
+  if (made && make_room(contacts, NULL, made)) {
+    elastic_free(made);
+    return NULL;
+  }
+  return made;
+}
+
+void elastic_free(struct steps *made) {
+  if (!made) return;
+  free(made->room);
+  free(made->whole);
+  free(made);
+}
+
+struct reached elastic_reach(struct steps *made, const double *load, const double *push, double enough, int64_t steps,
+                             double end, double *u) {
+  struct aim aim = {.load = load, .push = push};
+  struct reached found;
+  aim.push_square = dot(push, push, SIDE * made->lanes.contacts->bodies.count);
+  newton(&aim, made, enough, steps, end, u, &found.left, &found.steps);
+  found.factor = aim.factor;
+  found.compliance = aim.compliance;
+  return found;
+}
+
+int elastic_response(struct steps *made, const double *at, const double *push, double *u) {
+  if (at) place_at(made, at);
+  const int status = factor_at(made, at ? made->relative : NULL, 0.0);
+  memcpy(u, push, sizeof(double) * (size_t)(SIDE * made->lanes.contacts->bodies.count));
+  if (!status) solve_with(made, u, NULL);
+  return status;
+}
+
+void elastic_left(struct steps *made, const double *u, const double *load, double *out) {
+  place_at(made, u);
+  left_over(&made->lanes, u, load, made->relative, out);
+}
+
 /* u (6 n) moves by damped Newton steps that lessen what is left, or the energy where friction has bounds (springs).
    Bodies in the order of elimination. `time` is negative without a deadline. Returns a status; `taken` steps. */
 POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const double *load, const double *bounds,
@@ -429,7 +460,7 @@ POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const
   struct aim aim = {.load = load};
   double value;
   int status = make_room(contacts, bounds, &made);
-  if (!status) newton(&aim, &made, enough, steps, time, u, &value, taken);
+  if (!status) newton(&aim, &made, enough, steps, end_of(time), u, &value, taken);
   free(made.room);
   free(made.whole);
   return status;
@@ -440,44 +471,30 @@ POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const
 POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const double *load, const double *push,
                                          double enough, int64_t steps, double time, double *u, double *found,
                                          int64_t *taken) {
-  struct steps made = {0};
-  struct aim aim = {.load = load, .push = push};
-  aim.push_square = dot(push, push, SIDE * contacts->bodies.count);
-  int status = make_room(contacts, NULL, &made);
-  if (!status) newton(&aim, &made, enough, steps, time, u, found + 1, taken);
-  found[0] = aim.factor;
-  found[2] = aim.compliance;
-  free(made.room);
-  free(made.whole);
-  return status;
+  struct steps *made = elastic_room(contacts);
+  if (!made) return POISE_NO_MEMORY;
+  const struct reached at = elastic_reach(made, load, push, enough, steps, end_of(time), u);
+  memcpy(found, (double[]){at.factor, at.left, at.compliance}, 3 * sizeof(double));
+  *taken = at.steps;
+  elastic_free(made);
+  return POISE_OK;
 }
 
 /* u (6 n) becomes the change under a small push (6 n) at a displacement u; without `at`, nothing opens or slips. */
 POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, const double *at, const double *push,
                                             double *u) {
-  struct steps made = {0};
-  int status = make_room(contacts, NULL, &made);
-  if (!status) {
-    if (at) place_at(&made, at);
-    status = factor_at(&made, at ? made.relative : NULL, 0.0);
-    memcpy(u, push, sizeof(double) * (size_t)(SIDE * contacts->bodies.count));
-    if (!status) solve_with(&made, u, NULL);
-  }
-  free(made.room);
-  free(made.whole);
+  struct steps *made = elastic_room(contacts);
+  const int status = made ? elastic_response(made, at, push, u) : POISE_NO_MEMORY;
+  elastic_free(made);
   return status;
 }
 
 /* What springs and catch leave of a load, negated, (6 n). */
 POISE_EXPORT int64_t poise_elastic_left(const struct elastic *contacts, const double *u, const double *load,
                                         double *out) {
-  struct steps made = {0};
-  const int status = make_room(contacts, NULL, &made);
-  if (!status) {
-    place_at(&made, u);
-    left_over(&made.lanes, u, load, made.relative, out);
-  }
-  free(made.room);
-  free(made.whole);
-  return status;
+  struct steps *made = elastic_room(contacts);
+  if (!made) return POISE_NO_MEMORY;
+  elastic_left(made, u, load, out);
+  elastic_free(made);
+  return POISE_OK;
 }

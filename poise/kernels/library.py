@@ -48,6 +48,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     ),
     "poise_elastic_response": (_INT, [_POINTER] * 4),
     "poise_elastic_left": (_INT, [_POINTER] * 4),
+    "poise_elastic_follow": (_INT, [_POINTER] * 2),
     "poise_cones_new": (_POINTER, [_POINTER]),
     "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
     "poise_cones_renew": (None, [_POINTER]),

@@ -13,6 +13,8 @@ from poise.types import Array
 
 _INT, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 _BODIES = ("sides", "starts", "rows", "place")
+_POINTS = 54
+"""Of a path, at most: STEPS + AT_PEAK + 2 in kernels/paths.c."""
 
 Whole = NDArray[np.int64]
 
@@ -35,6 +37,33 @@ class _Elastic(ctypes.Structure):
         ("catch", _DOUBLE),
         ("slack", _DOUBLE),
     ]
+
+
+class _Path(ctypes.Structure):
+    """Layout of `struct path` in kernels/paths.c."""
+
+    _fields_ = [
+        *((name, _POINTER) for name in ("gravity", "push", "rest", "begin", "response")),
+        *((name, _DOUBLE) for name in ("factor", "compliance", "above", "tolerance", "time")),
+        *((name, _POINTER) for name in ("displacements", "factors", "compliances", "steps", "end")),
+        *((name, _INT) for name in ("count", "ended")),
+    ]
+
+
+class CompiledPath(NamedTuple):
+    """Equilibria on a path, the first at rest.
+
+    Args:
+        displacements: (K, 6 n). factors, compliances, steps: (K,).
+        end: (6 n,) where it was left. ended: whether it collapsed, or reached what was asked.
+    """
+
+    displacements: Array
+    factors: Array
+    compliances: Array
+    steps: Whole
+    end: Array
+    ended: bool
 
 
 class _ConeProgram(ctypes.Structure):
@@ -136,6 +165,37 @@ class CompiledElastic:
         check(library.poise_elastic_reach(self._pointer, address(load), address(push), *arguments))
         factor, left, compliance = found.tolist()
         return u, factor, left, compliance, taken.value
+
+    def follow(
+        self,
+        loads: tuple[Array, Array],
+        rest: Array,
+        begin: tuple[Array, float, float] | None,
+        response: Array | None,
+        limits: tuple[float, float, float | None],
+    ) -> CompiledPath:
+        """The path of a growing push, as `poise.assembly.statics.load_path.follow`.
+
+        Args:
+            loads: (6 n,) gravity and the push.
+            rest: (6 n,) displacement without the push.
+            begin: (6 n,) displacement, factor and compliance of the equilibrium to begin at; None: at rest.
+            response: (6 n,) change at the beginning under a small push; None: it is found.
+            limits: no more than this factor is asked; tolerance of it; s until the deadline, None: there is none.
+
+        Raises:
+            numpy.linalg.LinAlgError: the stiffness is singular.
+        """
+        at, factor, compliance = (None, 0.0, 0.0) if begin is None else begin
+        points, end = np.empty((_POINTS, self._size)), np.empty(self._size)
+        factors, compliances, steps = np.empty(_POINTS), np.empty(_POINTS), np.empty(_POINTS, dtype=np.int64)
+        above, tolerance, remaining = limits
+        given = (*loads, rest, at, response)
+        numbers = factor, compliance, above, tolerance, -1.0 if remaining is None else remaining
+        path = _Path(*map(address, given), *numbers, *map(address, (points, factors, compliances, steps, end)), 0, 0)
+        check(library.poise_elastic_follow(self._pointer, ctypes.addressof(path)))
+        kept = slice(path.count)
+        return CompiledPath(points[kept], factors[kept], compliances[kept], steps[kept], end, bool(path.ended))
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) the change under a small push (6 n,) at a displacement (6 n,); None: where nothing opens or slips."""

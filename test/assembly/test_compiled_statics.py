@@ -7,7 +7,7 @@ import pytest
 from poise.assembly import Analysis
 from poise.assembly.statics import pair_program
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
-from poise.assembly.statics.deadline import NO_DEADLINE
+from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_factor import UNLIMITED
 from poise.assembly.statics.newton_goal import Goal
@@ -97,6 +97,32 @@ def test_blocks_settle_and_collapse_as_in_python(block) -> None:
         assert found.known
         assert expected.known
         assert found.value == pytest.approx(expected.value, rel=2 * FACTOR_TOLERANCE)
+
+
+def test_paths_are_those_of_python(block) -> None:
+    compiled, python = both(block)
+    python.rest = compiled.rest
+    for load in loads(6 * block.geometry.count, 2):
+        found, expected = (each._follow(load, 100.0, NO_DEADLINE, FACTOR_TOLERANCE) for each in (compiled, python))
+        assert found.ended == expected.ended
+        assert found.best.factor == pytest.approx(expected.best.factor, rel=2 * FACTOR_TOLERANCE)
+        for first, second in zip(found.points[:4], expected.points[:4], strict=True):
+            assert first.factor == pytest.approx(second.factor, rel=1e-5)
+            assert first.compliance == pytest.approx(second.compliance, rel=1e-3)
+            assert first.steps == second.steps
+        begin = found.points[min(2, len(found.points) - 1)]
+        again, other = (each._follow(load, 100.0, NO_DEADLINE, FACTOR_TOLERANCE, begin) for each in (compiled, python))
+        assert again.points[1].factor == begin.factor
+        assert again.best.factor == pytest.approx(other.best.factor, rel=2 * FACTOR_TOLERANCE)
+
+
+def test_a_path_of_which_no_time_is_left_has_not_ended(block) -> None:
+    compiled, _ = both(block)
+    load = loads(6 * block.geometry.count, 1)[0]
+    found = compiled._follow(load, 100.0, Deadline(0.0), FACTOR_TOLERANCE)
+    assert not found.ended
+    assert len(found.points) == 1
+    np.testing.assert_array_equal(found.points[0].displacement, compiled.rest.displacement)
 
 
 def test_few_steps_to_a_point_of_the_path_are_not_damped(block) -> None:

@@ -51,3 +51,17 @@ def test_the_benchmark_finds_no_row_that_stands_at_more():
         ask(random_scene("row", rng), rng, tally)
     assert tally.answers > 50
     assert tally.low == 0  # it was 1: a point where all slips at once was taken for collapse
+
+
+def test_pushes_on_walls_end_no_more_than_three_per_cent_early():
+    """Three of `benchmarks.early_ends --seed 1`: two ended between two points around a peak, one where all yielded."""
+    rng, answers, number = np.random.default_rng([1, 3]), 0, {0: 19, 1: 1, 6: 2}
+    for scene in range(7):
+        analysis = Analysis.of(random_scene("wall", rng))
+        pushes = random_pushes(analysis, 20, rng)
+        if scene in number:
+            push = pushes[number[scene]]
+            (result,) = assess(analysis, [push], "coulomb").results
+            answers += not result.doubtful
+            assert result.doubtful or not stands(analysis, push, 1.03 * result.lower)
+    assert answers == 3

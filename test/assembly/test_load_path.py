@@ -119,3 +119,42 @@ def test_a_path_that_runs_out_of_steps_has_not_ended():
         return PathPoint(start, way**0.5, True, 1.0, steps)
 
     assert not follow(reach, np.zeros(1), ONE, ONE, 1e30, 1.0, 1e-9).ended
+
+
+def peaked(peak, fall):
+    """A spring whose load grows up to a peak, then drops by a share and falls slowly."""
+
+    def reach(start, _):
+        way = float(start[0])
+        if way <= peak:
+            return PathPoint(start, way, True, 1.0, 3)
+        return PathPoint(start, peak * (1 - fall) - 0.01 * (way - peak), True, -100.0, 3)
+
+    return reach
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.03, 0.2])
+@pytest.mark.parametrize("peak", [1.3, 5.0, 7.7])
+def test_a_peak_between_two_points_is_found(peak, fall):
+    found = follow(peaked(peak, fall), np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004)
+    assert found.ended
+    assert peak / 1.016 <= found.best.factor <= peak
+    begun = PathPoint(ONE, 1.0, True, 1.0, 3)
+    again = follow(peaked(peak, fall), np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004, begun)
+    assert peak / 1.016 <= again.best.factor <= peak
+
+
+def test_a_peak_before_a_plateau_is_found():
+    def reach(start, _):
+        way = float(start[0])
+        return PathPoint(start, way if way <= 2.0 else 1.9, True, 1.0 if way <= 2.0 else 1e3, 3)
+
+    found = follow(reach, np.zeros(1), ONE, ONE, 1e6, 1.0, 0.004)
+    assert found.ended
+    assert found.best.factor == pytest.approx(2.0, rel=0.016)
+
+
+def test_no_point_is_sought_beyond_what_is_asked():
+    found = follow(peaked(5.0, 0.0), np.zeros(1), ONE, ONE, 4.0, 1.0, 0.004)
+    assert found.ended
+    assert 4.0 <= found.best.factor <= 5.0

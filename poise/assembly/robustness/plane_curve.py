@@ -1,12 +1,9 @@
 """The boundary of a convex set around the origin of a plane, from some of its points: bounds between these."""
 
+import math
 from bisect import bisect_right, insort
 from dataclasses import dataclass, field
 from typing import NamedTuple
-
-import numpy as np
-
-from poise.types import Array
 
 _PARALLEL = 1e-9
 """Sine of an angle below which two lines do not meet."""
@@ -54,7 +51,7 @@ class PlaneCurve:
         first, second = self._point(sides[1]), self._point(sides[2])
         turn = _cross(first, second)
         ray = _ray(azimuth)
-        if turn <= _PARALLEL * float(np.linalg.norm(first) * np.linalg.norm(second)):
+        if turn <= _PARALLEL * math.hypot(*first) * math.hypot(*second):
             return None
         weights = _cross(ray, second) / turn, _cross(first, ray) / turn
         total = sum(weights)
@@ -64,13 +61,14 @@ class PlaneCurve:
         """How far a convex set reaches along a ray at most: to the lines through two points on either side of it."""
         sides = self._sides(azimuth)
         if sides is None or len({*sides}) < len(sides):
-            return np.inf
-        ray, least = _ray(azimuth), np.inf
+            return math.inf
+        ray, least = _ray(azimuth), math.inf
         for far, near in ((sides[0], sides[1]), (sides[3], sides[2])):
             point = self._point(near)
-            along = point - self._point(far)
+            beyond = self._point(far)
+            along = point[0] - beyond[0], point[1] - beyond[1]
             meets, apart = _cross(ray, along), _cross(point, along)
-            if abs(meets) > _PARALLEL * float(np.linalg.norm(along)) and apart / meets > 0:
+            if abs(meets) > _PARALLEL * math.hypot(*along) and apart / meets > 0:
                 least = min(least, apart / meets)
         return least
 
@@ -82,13 +80,14 @@ class PlaneCurve:
         at = bisect_right(known, azimuth)
         return known[at - 2], known[at - 1], known[at % len(known)], known[(at + 1) % len(known)]
 
-    def _point(self, azimuth: float) -> Array:
-        return self.reach[azimuth] * _ray(azimuth)
+    def _point(self, azimuth: float) -> tuple[float, float]:
+        x, y = _ray(azimuth)
+        return self.reach[azimuth] * x, self.reach[azimuth] * y
 
 
-def _ray(azimuth: float) -> Array:
-    return np.array([np.cos(azimuth), np.sin(azimuth)])
+def _ray(azimuth: float) -> tuple[float, float]:
+    return math.cos(azimuth), math.sin(azimuth)
 
 
-def _cross(first: Array, second: Array) -> float:
-    return float(first[0] * second[1] - first[1] * second[0])
+def _cross(first: tuple[float, float], second: tuple[float, float]) -> float:
+    return first[0] * second[1] - first[1] * second[0]

@@ -14,6 +14,7 @@ from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.pushes import Loads
 from poise.assembly.statics.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
+from poise.geometry import cross
 from poise.types import Array, Indices
 
 _STILL, _ELASTIC = 1e-4, 3e-3
@@ -98,9 +99,9 @@ class Mechanism:
             (body, place) for body in np.flatnonzero(speeds > self._still * speeds.max()) for place in groups[body]
         ]
         rows = velocities[[body for body, _ in moving]]
-        # v + omega x com, for all at once: np.cross is slow for single vectors.
+        # v + omega x com, for all at once
         com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)
-        rows[:, :3] += np.cross(rows[:, 3:], com)
+        rows[:, :3] += cross(rows[:, 3:], com)
         return {place: row for (_, place), row in zip(moving, rows, strict=True)}
 
     @cached_property

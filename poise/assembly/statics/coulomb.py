@@ -16,7 +16,7 @@ from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.assembly.statics.elimination import Elimination
-from poise.assembly.statics.load_path import EquilibriumSearch, LoadPath, PathPoint, follow, go_on
+from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on
 from poise.assembly.statics.newton_goal import Goal
 from poise.types import Array, Mask
 
@@ -28,7 +28,7 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
-_FEW = 3
+_FEW = 2
 """Attempts where it is asked whether a block stands at a little more than at the end of a path."""
 _REACHED = 2e-4
 """What may be left of the load on each body at a point of the path of a growing load."""
@@ -182,18 +182,14 @@ class CoulombBlock:
         rest = self.rest
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
-        most, weight = min(above, expected), self._weight
-
-        def reach(start: Array, steps: int) -> PathPoint | None:
-            return None if deadline.passed else self._reach(load, start, steps, deadline)
-
-        path = follow(reach, rest.displacement, self._response(rest.displacement, load), load, most, weight, tolerance)
+        most = min(above, expected)
+        path = self._follow(load, most, deadline, tolerance)
         if len(path.points) == 1 and not deadline.passed:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
             # everything far; what contacts that stick would yield leads to where some stick again.
-            path = follow(reach, rest.displacement, self._glued(load), load, most, weight, tolerance)
+            path = self._follow(load, most, deadline, tolerance, response=self._glued(load))
         if not path.ended and len(path.points) > 1:
-            path = self._go_on(path, reach, load, most, tolerance, deadline)
+            path = self._go_on(path, load, most, tolerance, deadline)
         best = path.best
         earlier = path.up_to(_EARLIER * best.factor).displacement
         if best.factor >= most:
@@ -202,17 +198,30 @@ class CoulombBlock:
             return ElasticFactor(best.factor, False)
         return ElasticFactor(best.factor, path.ended, self._response(path.end, load), best.displacement, earlier)
 
-    def _go_on(
+    def _follow(
         self,
-        path: LoadPath,
-        reach: EquilibriumSearch,
         load: Array,
         most: float,
-        tolerance: float,
         deadline: Deadline,
+        tolerance: float,
+        begin: PathPoint | None = None,
+        response: Array | None = None,
     ) -> LoadPath:
+        """See `load_path.follow`; `response` (6 n,): to the load at the beginning, where it is another."""
+        rest, gravity, compiled = self.rest.displacement, self.geometry.gravity.ravel(), self.contacts.compiled
+        if compiled is not None:
+            return compiled.follow((gravity, load), rest, begin, response, (most, tolerance), deadline)
+
+        def reach(start: Array, steps: int) -> PathPoint | None:
+            return None if deadline.passed else self._reach(load, start, steps, deadline)
+
+        if response is None:
+            response = self._response(rest if begin is None else begin.displacement, load)
+        return follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+
+    def _go_on(self, path: LoadPath, load: Array, most: float, tolerance: float, deadline: Deadline) -> LoadPath:
         """The path on from where Newton steps found no next point of it."""
-        rest, weight, gravity = self.rest.displacement, self._weight, self.geometry.gravity.ravel()
+        rest, gravity = self.rest.displacement, self.geometry.gravity.ravel()
 
         def stand(factor: float, start: Array, thorough: bool) -> PathPoint | None:
             total = gravity + factor * load
@@ -222,8 +231,7 @@ class CoulombBlock:
         def resume(begin: PathPoint) -> LoadPath:
             if load @ (begin.displacement - rest) <= 0:  # this far no power of the load leads
                 return LoadPath([path.points[0], begin], begin.displacement, False)
-            response = self._response(begin.displacement, load)
-            return follow(reach, rest, response, load, most, weight, tolerance, begin)
+            return self._follow(load, most, deadline, tolerance, begin)
 
         return go_on(path, stand, resume, most, tolerance)
 
@@ -244,17 +252,11 @@ class CoulombBlock:
         Returns:
             None where none was found, or less than the `least` factor.
         """
-        rest, weight = self.rest.displacement, self._weight
-
-        def reach(start: Array, steps: int) -> PathPoint | None:
-            return None if deadline.passed else self._reach(load, start, steps, deadline)
-
         for start, steps in zip(starts, (_NEAR_STEPS, _NEAR_EARLIER), strict=False):
-            begin = reach(start, steps)
-            if begin is None or not begin.held or load @ (begin.displacement - rest) <= 0:
+            begin = None if deadline.passed else self._reach(load, start, steps, deadline)
+            if begin is None or not begin.held or load @ (begin.displacement - self.rest.displacement) <= 0:
                 continue
-            response = self._response(begin.displacement, load)
-            path = follow(reach, rest, response, load, min(most, enough), weight, FACTOR_TOLERANCE, begin)
+            path = self._follow(load, min(most, enough), deadline, FACTOR_TOLERANCE, begin)
             best = path.best
             if best.factor >= least and (path.ended or best.factor >= enough):
                 early = path.up_to(_EARLIER * best.factor)

@@ -12,6 +12,7 @@ from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.deadline import Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
+from poise.assembly.statics.load_path import LoadPath, PathPoint
 from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
@@ -228,6 +229,27 @@ class CompiledElasticContacts:
         given = load[self._entries], push[self._entries], start[self._entries], enough, steps, deadline.remaining
         u, factor, left, compliance, taken = self._kernel.reach(*given)
         return self._back(u), factor, left, compliance, taken
+
+    def follow(
+        self,
+        loads: tuple[Array, Array],
+        rest: Array,
+        begin: PathPoint | None,
+        response: Array | None,
+        limits: tuple[float, float],
+        deadline: Deadline,
+    ) -> LoadPath:
+        """As `load_path.follow`: gravity and the load, at most a factor, with a tolerance of it."""
+        entries = self._entries
+        gravity, push = (load[entries] for load in loads)
+        start = None if begin is None else (begin.displacement[entries], begin.factor, begin.compliance)
+        slope = None if response is None else response[entries]
+        found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining))
+        places = np.empty_like(found.displacements)
+        places[:, entries] = found.displacements
+        numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()
+        points = [PathPoint(u, factor, True, *more) for u, factor, *more in zip(places, *numbers, strict=True)]
+        return LoadPath(points, self._back(found.end), found.ended)
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""

@@ -20,10 +20,10 @@ _MOST, _MANY, _SURE = 25, 10, 1.5
 """Newton steps to one point. After more than `_MANY` a longer step than `_SURE` may have led to another equilibrium: a
 shorter one is tried."""
 _LEAST_GROWTH, _STEPS = 1.1, 40
-_JUMP = 1.02
-"""A point that is flat ends the path where the factor grew by no more to it: what all slips at once may stick again."""
 _DECIDED = 16
 """Given factors that are tried where Newton steps find no next point."""
+_AT_PEAK, _STEEP = 12, 0.25
+"""Points around a peak; before a plateau, where the factor would grow by more than this share, as at the last point."""
 _SHORTER = 6
 """Times that the first step is taken again, an eighth as long, where it led to collapse."""
 
@@ -107,11 +107,13 @@ def follow(
     first = min(_FIRST_SHARE * above, _FIRST_WEIGHT * weight / (math.sqrt(float(load @ load)) or 1.0))
     slope, points = response / compliance, [PathPoint(rest, 0.0)]
     if begin is None:
-        return _followed(reach, points, slope, (0.0, compliance * first), _AFTER_FEW, above, tolerance)
-    points, done = [*points, begin], float(load @ (begin.displacement - rest))
-    if begin.factor >= above or flat_at(begin, done, tolerance):
-        return LoadPath(points, begin.displacement, True)
-    return _followed(reach, points, slope, (done, _AFTER_MANY * done), _AFTER_MANY, above, tolerance)
+        path = _followed(reach, points, slope, (0.0, compliance * first), _AFTER_FEW, above, tolerance)
+    else:
+        points, done = [*points, begin], float(load @ (begin.displacement - rest))
+        if begin.factor >= above or flat_at(begin, done, tolerance):
+            return LoadPath(points, begin.displacement, True)
+        path = _followed(reach, points, slope, (done, _AFTER_MANY * done), _AFTER_MANY, above, tolerance)
+    return _with_peak(reach, path, load, above, tolerance)
 
 
 def _followed(
@@ -145,7 +147,7 @@ def _followed(
             continue
         points.append(here)
         collapsed = done and here.factor - last.factor <= tolerance * here.factor * math.log2(way / done)
-        flat = flat_at(here, way, tolerance) and here.factor <= _JUMP * last.factor
+        flat = flat_at(here, way, tolerance) and here.factor <= (1 + tolerance) * last.factor
         if here.factor >= above or collapsed or flat:
             return LoadPath(points, here.displacement, True)
         slope = (here.displacement - last.displacement) / (way - done)
@@ -154,6 +156,51 @@ def _followed(
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
     return LoadPath(points, points[-1].displacement, False)
+
+
+def _with_peak(reach: EquilibriumSearch, path: LoadPath, load: Array, above: float, tolerance: float) -> LoadPath:
+    """A path that collapsed, with more points where its factor may be larger than at those it has.
+
+    Between a point at which the factor grows and the next one, which has no more, there may be a peak. It is looked
+    for where the factor, growing as at the first point, would be a little more than at all points.
+    """
+    points, least = list(path.points), 2 * tolerance
+    gain, change = least, 2.0  # the step grows until it leads beyond the peak
+    for _ in range(_AT_PEAK if path.ended else 0):
+        most = max(point.factor for point in points)
+        k, falls = _around_peak(points, load, least * most)
+        if most >= above or k < 0:
+            break
+        low, high, rise = points[k], points[k + 1], _rise(points, k, load)
+        share = ((1 + gain) * most - low.factor) / rise if rise > (least if falls else _STEEP) * most else 1.0
+        here = reach(low.displacement + share * (high.displacement - low.displacement), _MOST) if share < 1 else None
+        if here is None or not here.held:
+            break
+        change = 0.5 if falls and here.factor <= most else change
+        gain = max(change * gain, least)
+        points.insert(k + 1, here)
+    return LoadPath(points, path.end, path.ended)
+
+
+def _around_peak(points: Sequence[PathPoint], load: Array, little: float) -> tuple[int, bool]:
+    """The last point before the peak, and whether the factor falls after it; otherwise there is a plateau.
+
+    On a plateau the factor would grow by no more than a `little` to the next point.
+    """
+    best = max(range(len(points)), key=lambda k: points[k].factor)
+    if best + 1 < len(points) and _rise(points, best, load) > little:
+        return best, True
+    k, falls = best - 1, points[best].compliance < 0
+    while not falls and k > 0 and _rise(points, k, load) <= little:
+        k -= 1
+    return k, falls
+
+
+def _rise(points: Sequence[PathPoint], k: int, load: Array) -> float:
+    """What the factor would gain from a point to the next one, growing as there; 0 where it does not grow."""
+    here, after = points[k : k + 2]
+    way = float(load @ (after.displacement - here.displacement))
+    return way / here.compliance if here.compliance > 0 else 0.0
 
 
 def go_on(

@@ -13,6 +13,7 @@ from poise.assembly.statics.equilibrium import contact_forces
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor, LoadFactorProgram
 from poise.assembly.statics.pair_program import PairRows
+from poise.geometry import cross, lengths
 from poise.types import Array, Indices
 
 _PRESSED = 1e-6
@@ -176,12 +177,12 @@ class PatchProgram:
         normal = multipliers[1 : 1 + corners]
         slides = multipliers[1 + corners :].reshape(-1, 4)[:, 1:3]
         force = np.einsum("ij,ijk->ik", slides, cells.axes)
-        total = np.stack([np.bincount(cells.interface, x, count) for x in force.T], axis=1)
+        total: Array = np.stack([np.bincount(cells.interface, x, count) for x in force.T], axis=1)
         shift = self._pressed_at(normal, centres) - centres
         resists = np.bincount(cells.interface, cells.share * cells.reach, count)
         resists *= np.bincount(self._geometry.interface, normal, count)
         # Shift and friction lie in the plane: the length of their product is the moment about the normal.
-        return bool(np.all(np.linalg.norm(np.cross(shift, total), axis=1) <= _SETTLED * resists + _PRESSED))
+        return bool(np.all(lengths(cross(shift, total)) <= _SETTLED * resists + _PRESSED))
 
     def _pressed_at(self, normal_forces: Array, otherwise: Array) -> Array:
         """(I, 3) centre of pressure of each interface; where it is not pressed, (I, 3) otherwise."""
@@ -213,7 +214,7 @@ class PatchProgram:
         points = centres[cells.interface] + cells.places
         wrenches = np.zeros((len(cells.share), 3, 6))
         wrenches[:, :2, :3] = cells.axes
-        wrenches[:, :2, 3:] = np.cross(points[:, None], cells.axes)
+        wrenches[:, :2, 3:] = cross(points[:, None], cells.axes)
         wrenches[:, 2, 3:] = cells.turning
         return wrenches
 
