@@ -9,7 +9,7 @@ from test_effort_recordings import PHI, ROBOT
 
 from poise.mismatch.answer import BeliefBasis, diagnose
 from poise.mismatch.answer.belief import rival_odds
-from poise.mismatch.answer.diagnosis import _misfit
+from poise.mismatch.answer.signal_diagnosis import _misfit
 from poise.mismatch.inference import HeldOutProof
 from poise.mismatch.reading.joint_motion import recorded_from_streams
 from poise.mismatch.reading.joint_samples import apart, compared_efforts

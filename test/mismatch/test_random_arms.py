@@ -1,4 +1,4 @@
-"""A slice of `benchmarks.random_arms`: an arm that nobody chose, healthy and with friction in all joints."""
+"""A slice of `benchmarks.random_arms`: an arm drawn at random, healthy and with friction in all joints."""
 
 from pathlib import Path
 
