@@ -176,7 +176,8 @@ def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
     robot, seconds = random_arm(folder, rng), float(rng.uniform(15.0, 40.0))
     load, motion = random_load(*robot.payload, rng), random_motion(robot, seconds, rng)
     declared = Scene(robot, load, motion)
-    honest = SwingingZero(**vars(draw(declared, rng)))
+    profile = profile_of(rng)
+    honest = SwingingZero(**vars(draw(declared, rng, skew=profile.skew * 1e-6)))
     true = Scene(robot, honest.load(load), motion, None, honest.links, honest.gravity())
     rows = np.arange(_EDGE, len(motion[0]) - _EDGE)
     still = np.zeros((len(motion[0]), 3))
@@ -189,7 +190,6 @@ def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
     places = np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
     made = Track(rows * STEP, position, velocity, effort, free, free, wrench, np.zeros(len(rows)), *places)
     loaded = replace(made, effort=effort + bristles(velocity, size, rng) + rotors * acceleration)
-    profile = profile_of(rng)
     model = {"sensor_frame": robot.frame, "payload": load.whole.document(), "tolerance": TOLERANCE}
     cases = folder / "declared", folder / "friction"
     for number, (case, course) in enumerate(zip(cases, (made, loaded), strict=True)):

@@ -61,11 +61,13 @@ class JointCoupling(Effect):
         )
 
     def untestable(self, recorded: RecordedMotion) -> str:
-        return super().untestable(recorded) or ("the robot has one joint" if len(numbers(recorded)) < 2 else "")
+        reason = super().untestable(recorded) or ("the robot has one joint" if len(numbers(recorded)) < 2 else "")
+        return reason or ("" if efforts(recorded).moves.any() else "no joint moves")
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The pair and form that explain most of the residuals beside each joint's own motion, and the next best."""
         track, known = efforts(recorded), numbers(recorded)
+        moves = track.moves
         own = np.stack([track.acceleration, track.velocity, sense(recorded), np.ones_like(track.velocity)], axis=2)
         bases = [np.linalg.qr(own[:, joint])[0] for joint in range(len(known))]
         left = np.stack([residual[:, j] - q @ (q.T @ residual[:, j]) for j, q in enumerate(bases)], axis=1)
@@ -74,7 +76,7 @@ class JointCoupling(Effect):
         for one in range(len(known)):
             for other in range(len(known)):
                 for shared in (_ONE_WAY, _SHARED, _OPPOSED) if one != other else ():
-                    if shared and other < one:
+                    if not (moves[other] or (shared and moves[one])) or (shared and other < one):
                         continue
                     pair = _torques(recorded, other, one, shared)
                     rows = [one, other] if shared else [one]
@@ -100,6 +102,8 @@ class JointCoupling(Effect):
         shared = values.get("shared", _ONE_WAY)
         driving, driven = (column_of(recorded, values[name]) for name in ("driving", "driven"))
         sizes = [values[name] for name in ("inertia", "damping", "friction")]
+        if not efforts(recorded).moves[[driving, driven] if shared else [driving]].any():
+            return f"joint {values['driving']:.0f} stands still"
         drives = _drives(recorded, driving, driven, shared, sizes)
         drives |= not shared and abs(values["damping"]) > _most_damping(recorded, (driving, driven))
         return super().implausible(recorded, values) or ("its friction would drive the joints" if drives else "")

@@ -9,7 +9,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.effects import exceeded
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
-from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
+from poise.mismatch.recorded import STILL, WRENCH_CHANNELS, RecordedMotion, moving
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
@@ -21,8 +21,6 @@ _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
-_STILL = 2e-3
-"""rad or m within which a joint stands still."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
@@ -115,15 +113,14 @@ def check_motion(names: Sequence[str], position: Array, recorded: RecordedMotion
     Raises:
         NoAnswerError: NOT_IDENTIFIABLE for joint efforts of a robot that never moves.
     """
-    reach = np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0)
-    still = tuple(joint for joint, each in zip(names, reach.tolist(), strict=True) if each < _STILL)
+    still = tuple(joint for joint, moves in zip(names, moving(position).tolist(), strict=True) if not moves)
     if not still:
         return []
     if len(still) < len(names) or recorded.has("base"):
-        moving = [joint for joint in names if joint not in still]
+        others = [joint for joint in names if joint not in still]
         sentence = (
             f"{', '.join(still)} {'stands' if len(still) == 1 else 'stand'} still, so their friction and drives do not "
-            f"show; {', '.join(moving) or 'the base alone'} {'moves' if len(moving) < 2 else 'move'}."
+            f"show; {', '.join(others) or 'the base alone'} {'moves' if len(others) < 2 else 'move'}."
         )
         return [InputFinding("joints_at_rest", sentence, still)] if recorded.has("effort") else []
     if not recorded.has("wrench"):
@@ -135,7 +132,7 @@ def check_frame_motion(recorded: RecordedMotion) -> list[InputFinding]:
     """A finding when a sensor whose motion came from tf neither turns nor moves."""
     turned = float(np.ptp(recorded.rotation_world_sensor, axis=0).max())
     moved = float(np.ptp(recorded.position_in_world, axis=0).max())
-    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.")] if max(turned, moved) < _STILL else []
+    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.")] if max(turned, moved) < STILL else []
 
 
 def check_rates(joints: JointStream, measured: Stream) -> None:

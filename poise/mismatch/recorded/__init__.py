@@ -5,11 +5,20 @@ from poise.mismatch.recorded.joint_torques import joint_torques, wrench_of_torqu
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
-from poise.mismatch.recorded.recorded_motion import BaseTrack, CommandTrack, EffortTrack, JointTrack, RecordedMotion
+from poise.mismatch.recorded.recorded_motion import (
+    STILL,
+    BaseTrack,
+    CommandTrack,
+    EffortTrack,
+    JointTrack,
+    RecordedMotion,
+    moving,
+)
 from poise.mismatch.recorded.resampling import at_times, hermite, linear_at
 
 __all__ = [
     "LINK_PARAMETERS",
+    "STILL",
     "WRENCH_CHANNELS",
     "BaseTrack",
     "CommandTrack",
@@ -28,6 +37,7 @@ __all__ = [
     "linear_at",
     "load_wrench",
     "motion_response",
+    "moving",
     "noise_level",
     "white_level",
     "wrench_of_torques",

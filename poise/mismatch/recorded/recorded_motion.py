@@ -76,6 +76,15 @@ class CommandTrack:
         return linear_at(self.seconds, self.position, seconds)
 
 
+STILL = 2e-3
+"""rad or m within which a joint stands still."""
+
+
+def moving(position: Array) -> Mask:
+    """(J,) joints that do not stand still, from positions (N, J), rad or m."""
+    return np.asarray(np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0) >= STILL)
+
+
 @dataclass(frozen=True, eq=False)
 class EffortTrack:
     """Joint efforts, at the stamps of the joint states (M); N m, or N of prismatic joints.
@@ -120,6 +129,11 @@ class EffortTrack:
     stated: tuple[JointPhysics, ...] = ()
     errors_cancel: bool = False
     stuck: Mask | None = None
+
+    @property
+    def moves(self) -> Mask:
+        """(J,) joints that do not stand still."""
+        return moving(self.position)
 
     @property
     def accelerating(self) -> Array:
