@@ -9,7 +9,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.effects import exceeded
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
-from poise.mismatch.recorded import STILL, WRENCH_CHANNELS, RecordedMotion, moving
+from poise.mismatch.recorded import AT_REST, WRENCH_CHANNELS, RecordedMotion, moving
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
@@ -132,7 +132,7 @@ def check_frame_motion(recorded: RecordedMotion) -> list[InputFinding]:
     """A finding when a sensor whose motion came from tf neither turns nor moves."""
     turned = float(np.ptp(recorded.rotation_world_sensor, axis=0).max())
     moved = float(np.ptp(recorded.position_in_world, axis=0).max())
-    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.")] if max(turned, moved) < STILL else []
+    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.")] if max(turned, moved) < AT_REST else []
 
 
 def check_rates(joints: JointStream, measured: Stream) -> None:

@@ -6,7 +6,7 @@ from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
 from poise.mismatch.recorded.recorded_motion import (
-    STILL,
+    AT_REST,
     BaseTrack,
     CommandTrack,
     EffortTrack,
@@ -17,8 +17,8 @@ from poise.mismatch.recorded.recorded_motion import (
 from poise.mismatch.recorded.resampling import at_times, hermite, linear_at
 
 __all__ = [
+    "AT_REST",
     "LINK_PARAMETERS",
-    "STILL",
     "WRENCH_CHANNELS",
     "BaseTrack",
     "CommandTrack",

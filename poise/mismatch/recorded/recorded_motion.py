@@ -76,13 +76,13 @@ class CommandTrack:
         return linear_at(self.seconds, self.position, seconds)
 
 
-STILL = 2e-3
+AT_REST = 2e-3
 """rad or m within which a joint stands still."""
 
 
 def moving(position: Array) -> Mask:
     """(J,) joints that do not stand still, from positions (N, J), rad or m."""
-    return np.asarray(np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0) >= STILL)
+    return np.asarray(np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0) >= AT_REST)
 
 
 @dataclass(frozen=True, eq=False)
