@@ -106,6 +106,8 @@ def reversals_by_law(recorded: RecordedMotion, residual: Array) -> Iterable[Valu
 class DryFriction(Effect):
     """Dry friction with the parameters of `reversal`: it reverses by one of three laws."""
 
+    dry = True
+
     def general_at(self, start: Values) -> bool:
         """Real drives follow no engine's law, whose ramps can imitate other effects."""
         return start["law"] == SOFT
