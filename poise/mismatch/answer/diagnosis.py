@@ -193,7 +193,8 @@ class _Examination:
         found = self._of_each(refuted)
         for _ in range(_CONTRADICTIONS if len(found) > 1 else 0):
             wrench, efforts = found
-            against = contradicted(self.recorded, self.model, wrench.findings, efforts)
+            seen = None if self.last is None else ~efforts.held_out
+            against = contradicted(self.recorded, self.model, wrench.findings, efforts, seen)
             if not against or any(each.search.limit.cut for each in found):
                 break
             refuted |= dict.fromkeys(against, "the joint efforts contradict it")

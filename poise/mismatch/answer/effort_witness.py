@@ -20,13 +20,18 @@ from poise.mismatch.reading import (
     with_model_effects,
 )
 from poise.mismatch.recorded import RecordedMotion
+from poise.types import Mask
 
 _CONTRADICTED = 12.0
 """log evidence of both signals by which another effect must exceed a name."""
 
 
 def contradicted(
-    recorded: RecordedMotion, model: NominalModel, found: Sequence[NamedEffect], efforts: SignalDiagnosis
+    recorded: RecordedMotion,
+    model: NominalModel,
+    found: Sequence[NamedEffect],
+    efforts: SignalDiagnosis,
+    seen: Mask | None = None,
 ) -> frozenset[str]:
     """Names of the wrench in whose place another effect explains wrench and efforts together better.
 
@@ -36,6 +41,7 @@ def contradicted(
         found: named effects of the wrench.
         efforts: examined beside these names. Its new physics of the joints stays; errors beyond the tolerances do not,
             since they may have followed a wrong name.
+        seen: (M,) samples of the efforts that count; None: all.
     """
     track = efforts.problem.recorded.effort
     if track is not None and recorded.effort is not None:
@@ -47,11 +53,11 @@ def contradicted(
         if not others:
             continue
         beside = [other.component for other in found if other is not each]
-        named = effort_problem(_acting(recorded, [*beside, each.component]), model)
+        named = replace(effort_problem(_acting(recorded, [*beside, each.component]), model), judged=seen)
         least = _evidence(named, joints) + _CONTRADICTED
         for other, lack in others:
             instead = effort_problem(_acting(recorded, [*beside, other]), model)
-            if _evidence(replace(instead, band=named.band), joints) - lack > least:
+            if _evidence(replace(instead, band=named.band, judged=seen), joints) - lack > least:
                 out.add(each.effect.name)
                 break
     return frozenset(out)
