@@ -10,7 +10,7 @@ joints.
 import argparse
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -68,8 +68,9 @@ def random_arm(folder: Path, rng: np.random.Generator) -> Robot:
     return Robot(file, "ft_sensor", names, home, (0.8,) * count, (1.0,) * count, (2e-5,) * count, usual, (0.5, 3.0))
 
 
-def _joint(root: ElementTree.Element, *words: str) -> ElementTree.Element:
-    name, parent, child, place, turn, kind = (*words, "revolute")[:6]
+def _joint(
+    root: ElementTree.Element, name: str, parent: str, child: str, place: str, turn: str, kind: str = "revolute"
+) -> ElementTree.Element:
     joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "child", link=child)
@@ -204,22 +205,20 @@ def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
 class Counts:
     """What the answers said."""
 
-    declared: int = 0
     none: int = 0
     dry: int = 0
     others: int = 0
     false: int = 0
-    errors: tuple[float, ...] = ()
+    errors: list[float] = field(default_factory=list)
 
     def add(self, healthy: dict[str, Any], loaded: dict[str, Any]) -> None:
         """The answers of one arm."""
-        self.declared += 1
         self.none += healthy["verdict"] == "none"
         names = {effect["name"] for effect in loaded["effects"]}
         self.dry += bool(names & set(DRY))
         self.others += names >= set(OTHER) or "stribeck_friction" in names
         self.false += bool(names - {*DRY, *OTHER})
-        self.errors = (*self.errors, float(loaded["fit"]["holdout"]["augmented"]))
+        self.errors.append(float(loaded["fit"]["holdout"]["augmented"]))
 
 
 def main() -> None:
@@ -239,7 +238,7 @@ def main() -> None:
         said = [f"{effect['name']} {100 * effect['probability']:.0f} %" for effect in loaded["effects"]]
         console.print(f"{seed}: {healthy['verdict']}; {loaded['verdict']}: {', '.join(said)}")
     table = Table("result", "arms")
-    total = counts.declared
+    total = len(counts.errors)
     table.add_row("as declared: verdict none", f"{counts.none} of {total}")
     table.add_row("friction: dry friction named", f"{counts.dry} of {total}")
     table.add_row("damping and rotors named", f"{counts.others} of {total}")

@@ -205,12 +205,11 @@ class _Examination:
         """Every signal, the wrench without some effects."""
         found: list[SignalDiagnosis] = []
         for signal in self.signals:
-            without = refuted if signal == "wrench" else {}
-            library = [each for each in self.library if each.name not in without]
             if signal == "wrench":
-                problem = wrench_problem(self.recorded, self.model)
+                without, problem = refuted, wrench_problem(self.recorded, self.model)
             else:
-                problem = beside_stuck_joints(_efforts(self.recorded, self.model, found), library)
+                without, problem = {}, beside_stuck_joints(_efforts(self.recorded, self.model, found), self.library)
+            library = [each for each in self.library if each.name not in without]
             suspects = frozenset(name for one in found if one.unknown is not None for name in one.unproven)
             limit = self._limit(len(found), None if refuted else self.progress)
             one = examined_signal(problem, self.last, library, limit, suspects, self.rivals)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs
-from poise.mismatch.effects import Effect, Values, all_effects, effect_named, joint_unit
+from poise.mismatch.effects import Effect, Values, effect_named, joint_unit
 from poise.mismatch.inference import (
     NEAR_SHARE,
     Dependence,
@@ -99,20 +99,21 @@ def _near(
 ) -> tuple[tuple[ModelEffect, float], ...]:
     """Effects that win nearly as much in the place of one, see `NamedEffect`."""
     own = instead[part.effect.name].gain if part.effect.name in instead else np.nan
-    lacks = {name: own - each.gain for name, each in instead.items() if effect_named(name) not in (None, part.effect)}
     found = []
-    for name in (name for name, lack in lacks.items() if lack < NEAR_SHARE * own):
-        values, count = instead[name].values, len(instead[name].effect.parameters(recorded))
-        found.append((ModelEffect(name, dict(values), np.zeros((count, count))), max(lacks[name], 0.0)))
+    for name, each in instead.items():
+        if name != part.effect.name and effect_named(name) is not None and own - each.gain < NEAR_SHARE * own:
+            count = len(each.effect.parameters(recorded))
+            component = ModelEffect(name, dict(each.values), np.zeros((count, count)))
+            found.append((component, max(own - each.gain, 0.0)))
     return tuple(found)
 
 
-def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect] | None) -> list[NamedEffect]:
+def shown_effects(problem: Problem, best: HypothesisFit, library: Sequence[Effect]) -> list[NamedEffect]:
     """Effects that the readings show beside the prediction of the best fit, and that the model does not state so."""
     expected = problem.predicted(problem.recorded) + best.response + best.calibrated
     recorded = problem.with_prediction(problem.recorded, expected)
     found = []
-    for effect in all_effects() if library is None else library:
+    for effect in library:
         values = effect.detected(recorded) if effect.signal == problem.signal and effect.direct else None
         stated = problem.model.effect(effect.name)
         if values is not None and (stated is None or effect.differs(values, stated.values)):

@@ -99,7 +99,7 @@ def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
 def examined_signal(
     problem: Problem,
     last: Mask | None,
-    library: Sequence[Effect] | None,
+    library: Sequence[Effect],
     limit: TimeLimit,
     suspects: frozenset[str],
     rivals: bool,

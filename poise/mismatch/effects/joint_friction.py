@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_motion import accumulated
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
@@ -29,8 +29,8 @@ LAW = EffectParameter("law", "", low=SMOOTH, high=PRESLIDING, linear=False, choi
 RAMPS_LEAD = EffectParameter("lead", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True)
 """The time constant of the constraint; of MuJoCo by default solref, 0.02 s, times solimp's 0.95, over 2."""
 REVERSAL_DEFAULTS: Values = {"law": SMOOTH, "lead": 0.0095, "ramp": 0.02, "presliding": 2e-3}
-_RAMPS = np.geomspace(0.004, 0.8, 12)
-_DISTANCES = np.geomspace(1e-4, 0.03, 10)
+_SIZES = {PRESLIDING: ("presliding", np.geomspace(1e-4, 0.03, 10)), SOFT: ("ramp", np.geomspace(0.004, 0.8, 12))}
+"""Distances and ramps that are tried, by law."""
 _OF_LAW = {SMOOTH: ("transition",), SOFT: ("lead", "ramp_"), PRESLIDING: ("presliding_",)}
 """Stems of the parameters of each law alone."""
 _STILL = 2e-3
@@ -68,20 +68,16 @@ def presliding_sense(recorded: RecordedMotion, values: Values) -> Array:
     dy/dx = (sign(dx) - y) / d, with the distance d of each joint (Dahl 1976, "Solid friction damping of mechanical
     vibrations"; de Wit et al. 1995 with stiff bristles), exact between samples; y = 0 at the first.
     """
-    track = efforts(recorded)
-    usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)
-    moving = np.abs(track.velocity[1:]) > _STILL * usual
-    path = np.where(moving, np.diff(track.position, axis=0), 0.0)
+    path = recorded.once("path of the joints", lambda: _path(efforts(recorded)))
     kept = np.exp(-np.abs(path) / of_joints(recorded, values, "presliding"))
-    return np.stack([_followed(*pair) for pair in zip(kept.T, np.sign(path).T, strict=True)], axis=1)
+    added = np.vstack([np.zeros((1, path.shape[1])), (1.0 - kept) * np.sign(path)])
+    return np.hstack([accumulated(*pair) for pair in zip(kept.T, np.hsplit(added, path.shape[1]), strict=True)])
 
 
-def _followed(kept: Array, towards: Array) -> Array:
-    """(M,) y[k + 1] = kept[k] y[k] + (1 - kept[k]) towards[k], from y = 0."""
-    band = np.ones((2, len(kept) + 1), order="F")
-    band[1, :-1] = -kept
-    right = np.concatenate([[0.0], (1.0 - kept) * towards])
-    return np.asarray(dtbtrs(band, right[:, None], uplo="L")[0][:, 0])
+def _path(track: EffortTrack) -> Array:
+    """(M - 1, J) rad or m that each joint moves between samples, 0 where it stands still."""
+    usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)
+    return np.where(np.abs(track.velocity[1:]) > _STILL * usual, np.diff(track.position, axis=0), 0.0)
 
 
 def reversal(recorded: RecordedMotion, values: Values) -> Array:
@@ -99,8 +95,8 @@ def reversals_by_law(recorded: RecordedMotion, residual: Array) -> Iterable[Valu
     for start in transitions():
         yield {**common, **start}
     common[TRANSITION.name] = COULOMB_TRANSITION
-    for law in (PRESLIDING, SOFT):
-        yield {**common, **likely_reversals(recorded, residual, law), "law": law}
+    for law, likely in likely_reversals(recorded, residual).items():
+        yield {**common, **likely, "law": law}
 
 
 class DryFriction(Effect):
@@ -122,39 +118,40 @@ class DryFriction(Effect):
         return {name: (values[name], "rad") for name in names} if values["law"] == PRESLIDING else {}
 
 
-def likely_reversals(recorded: RecordedMotion, residual: Array, law: float) -> Values:
-    """The ramp or the distance of each joint with which its friction explains most of a residual (M, J).
+def likely_reversals(recorded: RecordedMotion, residual: Array) -> dict[float, Values]:
+    """By law the distance, or the ramp, of each joint with which its friction explains most of a residual (M, J).
 
-    It is found beside what is smooth.
+    They are found beside what is smooth.
     """
     track = efforts(recorded)
     turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
-    stem, tried = ("ramp", _RAMPS) if law == SOFT else ("presliding", _DISTANCES)
-    senses = np.stack([_reversed(recorded, law, stem, size) for size in tried.tolist()], axis=2)
-    found = {}
+    senses = {law: np.stack(list(_reversed(recorded, law)), axis=2) for law in _SIZES}
+    found: dict[float, dict[str, float]] = {law: {} for law in _SIZES}
     for j, i in enumerate(numbers(recorded)):
         beside = np.column_stack([turned, track.velocity[:, j], track.acceleration[:, j], track.rigid[:, j]])
         smooth = np.linalg.qr(beside)[0]
-        dry = senses[:, j] - smooth @ (smooth.T @ senses[:, j])
         left = residual[:, j] - smooth @ (smooth.T @ residual[:, j])
-        won = (left @ dry) ** 2 / np.maximum((dry**2).sum(axis=0), 1e-9 * len(dry))
-        found[f"{stem}_{i}"] = float(tried[int(np.argmax(won))])
-    return found
+        for law, (stem, sizes) in _SIZES.items():
+            dry = senses[law][:, j] - smooth @ (smooth.T @ senses[law][:, j])
+            won = (left @ dry) ** 2 / np.maximum((dry**2).sum(axis=0), 1e-9 * len(dry))
+            found[law][f"{stem}_{i}"] = float(sizes[int(np.argmax(won))])
+    return dict(found)
 
 
-def _reversed(recorded: RecordedMotion, law: float, stem: str, size: float) -> Array:
-    """(M, J) the sense of dry friction with one ramp or distance for all joints."""
-    values = {f"{stem}_{i}": size for i in numbers(recorded)}
-    return reversal(recorded, {**values, "law": law, RAMPS_LEAD.name: REVERSAL_DEFAULTS["lead"]})
+def _reversed(recorded: RecordedMotion, law: float) -> Iterable[Array]:
+    """(M, J) the sense of dry friction, for each ramp or distance that all joints may have."""
+    stem, sizes = _SIZES[law]
+    for size in sizes.tolist():
+        values = {f"{stem}_{i}": size for i in numbers(recorded)}
+        yield reversal(recorded, {**values, "law": law, RAMPS_LEAD.name: REVERSAL_DEFAULTS["lead"]})
 
 
 def laws_of_dry_friction(recorded: RecordedMotion) -> Iterable[Array]:
     """(M, J) how dry friction of 1 N m of each joint may reverse."""
     for start in transitions():
         yield sense(recorded, start[TRANSITION.name])
-    for law, stem, tried in ((SOFT, "ramp", _RAMPS), (PRESLIDING, "presliding", _DISTANCES)):
-        for size in tried.tolist():
-            yield _reversed(recorded, law, stem, size)
+    for law in (SOFT, PRESLIDING):
+        yield from _reversed(recorded, law)
 
 
 def efforts(recorded: RecordedMotion) -> EffortTrack:

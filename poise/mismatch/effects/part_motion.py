@@ -34,11 +34,20 @@ def crept(seconds: Array, values: Array, time_constant: float) -> Array:
     decay = np.exp(-step / time_constant)
     # 1 - (1 - e^-x) / x, the share of the newer value (Franklin, Powell, Workman 1998, section 6.3).
     newer = 1.0 - (1.0 - decay) * time_constant / step
-    band = np.ones((2, len(seconds)), order="F")
-    band[1, :-1] = -decay
     right = np.array(values, dtype=np.float64, order="F")
     right[1:] = newer[:, None] * values[1:] + (1.0 - decay - newer)[:, None] * values[:-1]
-    return np.asarray(dtbtrs(band, right, uplo="L", overwrite_b=1)[0])
+    return accumulated(decay, right)
+
+
+def accumulated(kept: Array, added: Array) -> Array:
+    """(N, K) s[k + 1] = kept[k] s[k] + added[k + 1], s = added at the first; `added` is overwritten.
+
+    Args:
+        kept: (N - 1,). added: (N, K), in Fortran's order.
+    """
+    band = np.ones((2, len(added)), order="F")
+    band[1, :-1] = -kept
+    return np.asarray(dtbtrs(band, added, uplo="L", overwrite_b=1)[0])
 
 
 class Oscillator:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import legendre
+from scipy.special import eval_legendre
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
@@ -120,8 +120,8 @@ def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibrat
     middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
     # Legendre polynomials with a range of one, as the ramp has.
-    curves = [legendre(degree)(2.0 * ramp) for degree in range(2, _TURNS + 2)]
-    curved = np.stack([curve / np.ptp(curve) for curve in curves], axis=1)
+    curved = eval_legendre(np.arange(2, _TURNS + 2), 2.0 * ramp[:, None])
+    curved /= np.ptp(curved, axis=0)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     steady = np.broadcast_to(bias, (len(recorded), 6))

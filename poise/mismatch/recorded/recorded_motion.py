@@ -130,7 +130,7 @@ class EffortTrack:
     errors_cancel: bool = False
     stuck: Mask | None = None
 
-    @property
+    @cached_property
     def moves(self) -> Mask:
         """(J,) joints that do not stand still."""
         return moving(self.position)

@@ -45,7 +45,7 @@ def test_the_law_of_bristles_is_dahls() -> None:
 def test_its_start_finds_the_distances_beside_a_load() -> None:
     at, effect = effort_world(), effect_named("coulomb_friction")
     off = effect.simulate(at, filled(effect, at, VALUES)) + 0.03 * at.effort.rigid
-    found = likely_reversals(at, off, PRESLIDING)
+    found = likely_reversals(at, off)[PRESLIDING]
     for i, distance in enumerate(DISTANCES, 1):
         assert found[f"presliding_{i}"] == pytest.approx(distance, rel=0.5)
 

@@ -53,7 +53,7 @@ def test_soft_friction_is_mujocos_friction_loss() -> None:
 def test_its_start_finds_the_ramps_of_light_joints_beside_a_load() -> None:
     at = effort_world()
     exact = by_mujoco(at.effort.velocity, at.effort.acceleration)
-    found = likely_reversals(at, exact + 0.03 * at.effort.rigid, SOFT)
+    found = likely_reversals(at, exact + 0.03 * at.effort.rigid)[SOFT]
     for name, ramp in ramps().items():
         assert 0.7 * ramp < found[name] < 1.5 * ramp or max(ramp, found[name]) < 0.008, name
 
