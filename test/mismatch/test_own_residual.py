@@ -73,14 +73,17 @@ def test_a_filter_and_an_early_clock_that_cancel_are_no_explanation():
     assert all(cancelling(problem, parts))
 
 
-def _pressed(recorded: RecordedMotion, direction: float) -> dict[str, float]:
-    """A force along the velocity of the sensor, or against it, over a second in which it moves."""
+def _pressed(recorded: RecordedMotion, *direction: float) -> dict[str, float]:
+    """A force along the velocity of the sensor (1) or against it (-1), over a second in which it moves.
+
+    With two directions, the force turns in the middle.
+    """
     speed = np.linalg.norm(recorded.velocity_in_world, axis=1)
     middle = recorded.seconds[int(np.argmax(np.convolve(speed, np.ones(100), mode="same")))]
     values = {"start": float(middle) - 0.5, "length": 1.0, "knots": 7.0, "x": 0.0, "y": 0.0, "z": 0.0}
     for k in range(7):
         row = int(np.searchsorted(recorded.seconds, values["start"] + (k + 1) / 8.0))
-        along = direction * recorded.velocity_in_world[row] / speed[row]
+        along = direction[k * len(direction) // 7] * recorded.velocity_in_world[row] / speed[row]
         values |= {f"force_{axis}_{k}": 5.0 * float(along[i]) for i, axis in enumerate("xyz")}
     return values
 
@@ -88,8 +91,10 @@ def _pressed(recorded: RecordedMotion, direction: float) -> dict[str, float]:
 def test_what_attracts_the_tool_is_not_taken_for_a_contact_alone():
     recorded, contact = make_case(3, duration=8.0).recorded(), effect_named("contact")
     assert contact is not None
-    assert contact.imitated(recorded, _pressed(recorded, -1.0)) == ""
-    assert contact.imitated(recorded, _pressed(recorded, 1.0)) == "joint_position"
+    assert contact.imitated(recorded, _pressed(recorded, -1.0)) == ""  # an obstacle
+    assert contact.imitated(recorded, _pressed(recorded, 1.0)) == ""  # a hand that pushes the tool on
+    assert contact.imitated(recorded, _pressed(recorded, 1.0, -1.0)) == "joint_position"  # a magnet
+    assert contact.imitated(recorded, _pressed(recorded, -1.0, 1.0)) == ""  # a spring
 
 
 def test_friction_that_decreases_is_no_viscous_friction():

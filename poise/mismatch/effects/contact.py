@@ -23,6 +23,8 @@ _PULL = 0.4
 """Largest force against the push, relative to it: calibration errors and noise may seem to pull a little."""
 _GIVEN = 0.2
 """Share of the work of a contact that it may have given to the tool before it took as much: errors of the force."""
+_KEPT = 0.4
+"""Share of its work that a field may keep or lose in a fit: a conservative force returns what it gives."""
 _SHORTEST = 0.05
 """s of a touch."""
 _NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
@@ -143,13 +145,17 @@ class PlateContact(Effect):
         return super().implausible(recorded, values) or brief or both
 
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
-        """What rests takes energy from the tool and returns a part of it; a magnet, or a person's hand, gives first."""
+        """What rests takes energy from the tool and returns a part of it; a magnet gives first and takes it back.
+
+        A person's hand or something that moves also gives, and keeps none: it pushes, so that it is a contact.
+        """
         force = _hats(recorded.seconds, values["start"], values["length"], round(values["knots"])) @ _forces(values)
         point = np.array([values[name] for name in _POINT])
         velocity = recorded.velocity_in_world + recorded.to_world(cross(recorded.angular_velocity, point))
         work = np.sum(force * velocity, axis=1) * np.gradient(recorded.seconds)
+        total, kept = float(np.abs(work).sum()), float(abs(work.sum()))
         given = float(np.cumsum(work).max(initial=0.0))
-        return "joint_position" if given > _GIVEN * float(np.abs(work).sum()) else ""
+        return "joint_position" if given > _GIVEN * total and kept < _KEPT * total else ""
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)
