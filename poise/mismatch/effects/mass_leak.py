@@ -1,6 +1,8 @@
 """Mass leak: the payload loses (or gains) mass at a constant rate, as when grain trickles or a tank drains."""
 
+import itertools
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,21 +19,31 @@ from poise.mismatch.effects.part_wrench import (
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
+_LONGER, _SHORTEST = 1.3, 0.05
+"""Longest and shortest leak as shares of the recording; the longest one reaches its end from any start."""
+_BRIEFEST = 1.0
+"""s of the shortest leak in any case: a faster change is a step."""
+_BEFORE = 0.1
+"""Share of the recording before its beginning at which a leak may have begun."""
+_EMPTIES = 0.98
+"""Relative residual with a leak that ends, to that with one that does not, from which both are starts."""
+
 
 class MassLeak(Effect):
-    """A point mass of the payload becomes lighter at a constant rate from `start` to the end of the recording.
+    """A point mass of the payload becomes lighter at a constant rate from `start` for `length`, or to the end.
 
     The leaving mass keeps its momentum; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
     """
 
     name = "mass_leak"
     layer = "event"
-    equation = "w = w_nominal - rate max(t - start, 0) w_1(p), w_1(p): wrench of 1 kg at p"
+    equation = "w = w_nominal - rate min(max(t - start, 0), length) w_1(p), w_1(p): wrench of 1 kg at p"
     source = "thesis eq. 2.97 with a mass that changes slowly (Meshchersky's equation without the jet)"
     excited_by = "gravity and time"
     separating_motion = "turn the tool over early and late: weight turns with gravity, a drift of the sensor does not"
     confused_with = ("bias_drift", "mass_step", "sensor_creep", "payload_parameters")
     transfers = False
+    defaults: ClassVar[Values] = {"length": 1e9}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
@@ -39,30 +51,44 @@ class MassLeak(Effect):
             EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
             for name in POINT_PARAMETERS
         )
-        start = EffectParameter("start", "s", low=first - 0.1 * recorded.duration, high=last, linear=False)
-        return (start, *places, EffectParameter("rate", "kg/s", 0.3 / max(recorded.duration, 1.0)))
+        whole = recorded.duration
+        start = EffectParameter("start", "s", low=first - _BEFORE * whole, high=last, linear=False)
+        shortest = max(_SHORTEST * whole, _BRIEFEST)
+        longest = max(_LONGER * whole, 2.0 * shortest)
+        length = EffectParameter("length", "s", low=shortest, high=longest, linear=False, log=True, hidden=True)
+        return (start, length, *places, EffectParameter("rate", "kg/s", 0.3 / max(whole, 1.0)))
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The best of several start times, with the place that the moment implies."""
+        """The best of several times, with the place that the moment implies: a leak to the end, and one that ends."""
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
-        found = []
-        for share in np.linspace(0.0, 0.85, 11):
-            start = float(recorded.seconds[0] + share * recorded.duration)
-            columns = matrix * -np.maximum(recorded.seconds - start, 0.0)[:, None, None]
+        shares = np.linspace(0.0, 0.85, 11)
+        times = recorded.seconds[0] + shares * recorded.duration
+
+        def fitted(start: float, length: float) -> tuple[float, float, float, Array]:
+            columns = matrix * -_gone(recorded.seconds, start, length)[:, None, None]
             columns = (columns - columns.mean(axis=0)) * weight[:, None]
             rate, left = best_fit(columns.reshape(-1, 4), white)
-            found.append((left, start, rate))
-        _, start, rate = min(found, key=lambda item: item[0])
-        far = abs(rate[0]) * PAYLOAD_REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
-        place = (
-            payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
-        )
-        yield {"start": start, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
+            return left, start, length, rate
+
+        def start_of(found: tuple[float, float, float, Array]) -> Values:
+            _, start, length, rate = found
+            far = abs(rate[0]) * PAYLOAD_REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
+            most = 0.9 * PAYLOAD_REACH
+            place = payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -most, most)
+            return {"start": start, "length": length, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
+
+        endless = min((fitted(start, _LONGER * recorded.duration) for start in times.tolist()), key=_left)
+        yield start_of(endless)
+        pairs = itertools.combinations(times[::2].tolist(), 2)
+        ending = min((fitted(start, end - start) for start, end in pairs), key=_left)
+        if ending[0] < _EMPTIES * endless[0]:
+            yield start_of(ending)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        lost = -np.maximum(recorded.seconds - nonlinear["start"], 0.0) * recorded.recording_of(nonlinear["start"])
+        lost = -_gone(recorded.seconds, nonlinear["start"], nonlinear["length"])
+        lost = lost * recorded.recording_of(nonlinear["start"])
         return np.asarray((point_wrench(recorded, place_of(nonlinear)) * lost[:, None])[:, :, None])
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
@@ -71,7 +97,9 @@ class MassLeak(Effect):
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         ((start, end),) = self.windows(recorded, values)
-        return {"lost": (values["rate"] * (end - start), "kg")}
+        lasts = self._lasts(recorded, values)
+        ended = {"end": (start + lasts, "s")} if start + lasts < end else {}
+        return {"lost": (values["rate"] * lasts, "kg"), **ended}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """A payload cannot lose more than it has."""
@@ -81,7 +109,23 @@ class MassLeak(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
         verb = "loses" if values["rate"] > 0 else "gains"
+        lasts = self._lasts(recorded, values)
+        until = "on" if start + lasts >= end else f"to {start + lasts:.1f} s"
         return (
-            f"From {start:.1f} s on the payload {verb} {1e3 * abs(values['rate']):.1f} g/s, "
-            f"{1e3 * abs(values['rate']) * (end - start):.0f} g by the end: the nominal payload keeps its weight."
+            f"From {start:.1f} s {until} the payload {verb} {1e3 * abs(values['rate']):.1f} g/s, "
+            f"{1e3 * abs(values['rate']) * lasts:.0f} g by the end: the nominal payload keeps its weight."
         )
+
+    def _lasts(self, recorded: RecordedMotion, values: Values) -> float:
+        """s of the leak inside the recording."""
+        ((start, end),) = self.windows(recorded, values)
+        return min(end, values["start"] + values["length"]) - start
+
+
+def _gone(seconds: Array, start: float, length: float) -> Array:
+    """(N,) s for which it has leaked."""
+    return np.clip(seconds - start, 0.0, length)
+
+
+def _left(fitted: tuple[float, float, float, Array]) -> float:
+    return fitted[0]

@@ -105,7 +105,7 @@ TYPICAL = {
     "base_motion": {"start": 6.3, "length": 2.1, "splines": 10.0}
     | {f"speed_x_{k}": 0.3 * np.sin(0.6 * k) for k in range(10)},
     "external_vibration": {"start": 4.2, "length": 6.5, "frequency": 17.3, "sine_x": 0.3, "cosine_y": 0.25},
-    "mass_leak": {"start": 5.0, "rate": 0.008, **PLACE},
+    "mass_leak": {"start": 5.0, "length": 9.0, "rate": 0.008, **PLACE},
     "air_drag": {"coefficient": 1.5, **PLACE},
     "flywheel": {"momentum_x": 0.04, "momentum_y": -0.03, "momentum_z": 0.03},
     "slosh": {"mass": 0.5, "length": 0.08, "damping_ratio": 0.05, **PLACE},

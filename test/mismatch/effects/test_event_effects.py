@@ -52,14 +52,18 @@ def test_a_dropped_part_is_another_payload_from_then_on():
 
 def test_a_leak_is_at_each_moment_the_payload_that_is_left():
     at = moved()
-    values = {"start": 5.0, "rate": 0.01, "x": 0.03, "y": -0.02, "z": 0.12}
+    values = {"start": 5.0, "length": 9.0, "rate": 0.01, "x": 0.03, "y": -0.02, "z": 0.12}
     found = at.prediction + response("mass_leak", at, **values)
     for moment in (3.0, 10.0, 19.0):
-        lost = point_phi(-0.01 * max(moment - 5.0, 0.0), (0.03, -0.02, 0.12))
+        lost = point_phi(-0.01 * min(max(moment - 5.0, 0.0), 9.0), (0.03, -0.02, 0.12))
         row = int(moment / 0.005)
         np.testing.assert_allclose(found[row], with_payload(PAYLOAD.phi + lost).prediction[row], atol=1e-9)
     effect = effect_named("mass_leak")
-    assert effect.derived(at, values)["lost"][0] == pytest.approx(0.01 * (SECONDS[-1] - 5.0))
+    derived = effect.derived(at, values)
+    assert (derived["lost"][0], derived["end"][0]) == (pytest.approx(0.09), pytest.approx(14.0))
+    assert "From 5.0 s to 14.0 s" in effect.sentence(at, values)
+    earlier = values | effect.defaults  # of a model that an earlier version saved: to the end of the recording
+    assert effect.derived(at, earlier) == {"lost": (pytest.approx(0.01 * (SECONDS[-1] - 5.0)), "kg")}
 
 
 def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
