@@ -25,6 +25,8 @@ _BRIEFEST = 1.0
 """s of the shortest leak in any case: a faster change is a step."""
 _BEFORE = 0.1
 """Share of the recording before its beginning at which a leak may have begun."""
+_SEEN = 0.05
+"""Share of a recording that must show the payload before a leak, for a leak that ends, and after it."""
 _EMPTIES = 0.98
 """Relative residual with a leak that ends, to that with one that does not, from which both are starts."""
 
@@ -102,9 +104,17 @@ class MassLeak(Effect):
         return {"lost": (values["rate"] * lasts, "kg"), **ended}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """A payload cannot lose more than it has."""
+        """A payload cannot lose more than it has.
+
+        A leak that ends must also begin in the recording: else it is any change that becomes slower, as warming is.
+        """
         lost = self.derived(recorded, values)["lost"][0]
-        return f"the payload would lose {lost:.2f} kg" if lost > 1.05 * max(float(recorded.phi[0]), 0.5) else ""
+        if lost > 1.05 * max(float(recorded.phi[0]), 0.5):
+            return f"the payload would lose {lost:.2f} kg"
+        ((start, end),) = self.windows(recorded, values)
+        seen = _SEEN * recorded.duration
+        ends = values["start"] + values["length"] < end - seen
+        return "it would end without a beginning" if ends and start < recorded.seconds[0] + seen else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
