@@ -1,5 +1,6 @@
-"""Bias drift: the sensor's zero changes linearly, as during warm-up."""
+"""Bias drift: the sensor's zero changes evenly, or ever more slowly, as during warm-up."""
 
+import itertools
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -10,27 +11,43 @@ from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
 from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
+_FASTEST, _STRAIGHT = 0.05, 5.0
+"""Time constants of the drift, relative to the recording: the fastest, and one that is as good as a line."""
+_WARMS = 0.3
+"""Of a start."""
+_SHOWN = 2.0
+"""Below which it is reported."""
+
 
 class BiasDrift(Effect):
-    """w_read = w + d (t - t0) / T: d is the change over the recording; the offset at t0 belongs to `sensor_bias`.
+    """w_read = w + d (c(t) - c(t0)): d is the change over the recording; the offset at t0 belongs to `sensor_bias`.
 
-    At t0 the sensor is within the tolerance of its bias: in the middle of the recording, at its start or at its end.
+    The course c goes from 0 to 1 along a line, or as a body that warms up does, with a time constant. At t0 the sensor is within the tolerance of its bias: in the middle of the recording, at its start or at its end.
     """
 
     name = "bias_drift"
     layer = "sensor"
-    equation = "w_read = w + d (t - t0) / T, d in sensor axes: the change over the recording of length T"
-    source = "Robotiq FT 300-S manual, section 7 (drift); first order in time"
+    equation = "w_read = w + d (c(t) - c(t0)), c = (1 - exp(-t / tau)) / (1 - exp(-T / tau)), d in sensor axes"
+    source = "Robotiq FT 300-S manual, section 7 (drift); a body that warms up (first order), or a line"
     excited_by = "time alone"
     separating_motion = "visit the same pose at the start, in the middle and at the end"
     confused_with = ("sensor_bias", "sensor_creep", "mass_leak", "clock_skew")
     widens = "drift"
-    defaults: ClassVar[Values] = {"zero": 0.5}
+    defaults: ClassVar[Values] = {"zero": 0.5, "time_constant": 1e9}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        del recorded
+        whole = recorded.duration
         return (
             EffectParameter("zero", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
+            EffectParameter(
+                "time_constant",
+                "s",
+                low=_FASTEST * whole,
+                high=_STRAIGHT * whole,
+                linear=False,
+                log=True,
+                hidden=True,
+            ),
             *(
                 EffectParameter(axis, unit, size)
                 for axis, unit, size in zip(
@@ -40,12 +57,19 @@ class BiasDrift(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        del recorded, residual
-        yield from ({"zero": zero} for zero in (0.5, 0.0, 1.0))
+        del residual
+        for zero, share in itertools.product((0.5, 0.0, 1.0), (_STRAIGHT, _WARMS)):
+            yield {"zero": zero, "time_constant": share * recorded.duration}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        passed = (recorded.seconds - recorded.seconds[0]) / recorded.duration
-        return np.asarray((passed - nonlinear.get("zero", 0.5))[:, None, None] * np.eye(6))
+        passed = recorded.seconds - recorded.seconds[0]
+        slowness = nonlinear["time_constant"]
+        course = np.expm1(-passed / slowness) / np.expm1(-recorded.duration / slowness)
+        return np.asarray((course - nonlinear["zero"])[:, None, None] * np.eye(6))
+
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        slowness = values["time_constant"]
+        return {"time_constant": (slowness, "s")} if slowness < _SHOWN * recorded.duration else {}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded

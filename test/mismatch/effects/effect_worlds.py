@@ -82,7 +82,10 @@ AXIS = np.array([0.48, -0.64, 0.6])
 # Strength 1 of benchmarks/concealed/README.md.
 TYPICAL = {
     "sensor_bias": {"force_x": 1.2, "force_y": -1.6, "force_z": 1.3, "torque_x": 0.08, "torque_z": -0.12},
-    "bias_drift": {"zero": 0.5, "force_x": 0.5, "force_y": -0.4, "force_z": 0.3, "torque_y": 0.03, "torque_z": -0.04},
+    "bias_drift": {
+        **{"zero": 0.5, "time_constant": 8.0},
+        **{"force_x": 0.5, "force_y": -0.4, "force_z": 0.3, "torque_y": 0.03, "torque_z": -0.04},
+    },
     "sensor_gain": {"gain_fx_fx": 0.06, "gain_fz_fz": -0.05, "gain_fx_fy": 0.04, "gain_tx_fy": 0.004},
     "sensor_rotation": {"rotation_x": 0.02, "rotation_y": -0.018, "rotation_z": 0.012},
     "low_pass": {"time_constant": 0.08},

@@ -34,6 +34,9 @@ def test_a_bias_is_the_same_at_all_times_and_a_drift_is_told_by_its_whole_change
     np.testing.assert_allclose(drift[0] + drift[-1], 0.0, atol=1e-12)
     rate = np.diff(drift[:, 0]) / np.diff(at.seconds)
     np.testing.assert_allclose(rate, 0.6 / at.duration, rtol=1e-6)
+    warming = response("bias_drift", at, force_x=0.6, zero=0.0, time_constant=3.0)[:, 0]
+    passed = at.seconds - at.seconds[0]
+    np.testing.assert_allclose(warming, 0.6 * (1 - np.exp(-passed / 3)) / (1 - np.exp(-passed[-1] / 3)), atol=1e-12)
 
 
 def test_gain_is_a_matrix():
