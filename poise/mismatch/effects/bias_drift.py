@@ -17,12 +17,15 @@ _WARMS = 0.3
 """Of a start."""
 _SHOWN = 2.0
 """Below which it is reported."""
+_ENDLESS = 1e9
+"""s, of a line."""
 
 
 class BiasDrift(Effect):
     """w_read = w + d (c(t) - c(t0)): d is the change over the recording; the offset at t0 belongs to `sensor_bias`.
 
-    The course c goes from 0 to 1 along a line, or as a body that warms up does, with a time constant. At t0 the sensor is within the tolerance of its bias: in the middle of the recording, at its start or at its end.
+    The course c goes from 0 to 1 along a line, or as a body that warms up does, with a time constant. At t0 the sensor
+    is within the tolerance of its bias: in the middle of the recording, at its start or at its end.
     """
 
     name = "bias_drift"
@@ -33,7 +36,7 @@ class BiasDrift(Effect):
     separating_motion = "visit the same pose at the start, in the middle and at the end"
     confused_with = ("sensor_bias", "sensor_creep", "mass_leak", "clock_skew")
     widens = "drift"
-    defaults: ClassVar[Values] = {"zero": 0.5, "time_constant": 1e9}
+    defaults: ClassVar[Values] = {"zero": 0.5, "time_constant": _ENDLESS}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         whole = recorded.duration
@@ -63,12 +66,12 @@ class BiasDrift(Effect):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         passed = recorded.seconds - recorded.seconds[0]
-        slowness = nonlinear["time_constant"]
+        slowness = nonlinear.get("time_constant", _ENDLESS)
         course = np.expm1(-passed / slowness) / np.expm1(-recorded.duration / slowness)
-        return np.asarray((course - nonlinear["zero"])[:, None, None] * np.eye(6))
+        return np.asarray((course - nonlinear.get("zero", 0.5))[:, None, None] * np.eye(6))
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        slowness = values["time_constant"]
+        slowness = values.get("time_constant", _ENDLESS)
         return {"time_constant": (slowness, "s")} if slowness < _SHOWN * recorded.duration else {}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

@@ -21,6 +21,8 @@ from poise.types import Array
 
 _LONGER, _SHORTEST = 1.3, 0.05
 """Longest and shortest leak as shares of the recording; the longest one reaches its end from any start."""
+_ENDLESS = 1e9
+"""s of a leak of which no end is known."""
 _BRIEFEST = 1.0
 """s of the shortest leak in any case: a faster change is a step."""
 _BEFORE = 0.1
@@ -45,7 +47,7 @@ class MassLeak(Effect):
     separating_motion = "turn the tool over early and late: weight turns with gravity, a drift of the sensor does not"
     confused_with = ("bias_drift", "mass_step", "sensor_creep", "payload_parameters")
     transfers = False
-    defaults: ClassVar[Values] = {"length": 1e9}
+    defaults: ClassVar[Values] = {"length": _ENDLESS}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
@@ -89,7 +91,7 @@ class MassLeak(Effect):
             yield start_of(ending)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        lost = -_gone(recorded.seconds, nonlinear["start"], nonlinear["length"])
+        lost = -_gone(recorded.seconds, nonlinear["start"], nonlinear.get("length", _ENDLESS))
         lost = lost * recorded.recording_of(nonlinear["start"])
         return np.asarray((point_wrench(recorded, place_of(nonlinear)) * lost[:, None])[:, :, None])
 
@@ -113,7 +115,7 @@ class MassLeak(Effect):
             return f"the payload would lose {lost:.2f} kg"
         ((start, end),) = self.windows(recorded, values)
         seen = _SEEN * recorded.duration
-        ends = values["start"] + values["length"] < end - seen
+        ends = values["start"] + values.get("length", _ENDLESS) < end - seen
         return "it would end without a beginning" if ends and start < recorded.seconds[0] + seen else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
@@ -129,7 +131,7 @@ class MassLeak(Effect):
     def _lasts(self, recorded: RecordedMotion, values: Values) -> float:
         """s of the leak inside the recording."""
         ((start, end),) = self.windows(recorded, values)
-        return min(end, values["start"] + values["length"]) - start
+        return min(end, values["start"] + values.get("length", _ENDLESS)) - start
 
 
 def _gone(seconds: Array, start: float, length: float) -> Array:

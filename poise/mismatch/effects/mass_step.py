@@ -1,6 +1,7 @@
-"""Mass step: at one moment the payload changes, as when a part is dropped or picked up."""
+"""Mass step: at one moment the payload changes, as when a part is dropped, or picked up for a while."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,16 +19,20 @@ _BESIDE = 0.5
 
 
 class MassStep(Effect):
-    """phi(t) = phi + dphi for t >= time; a small part: its inertia about its own centre is left out."""
+    """phi(t) = phi + dphi from `time` on, for `length` where a part is picked up and put down again.
+
+    A small part: its inertia about its own centre is left out.
+    """
 
     name = "mass_step"
     layer = "event"
-    equation = "w = A(t) (phi + dphi [t >= time]), dphi = (dm, dm c)"
-    source = "thesis eq. 2.97 with a payload that changes once"
+    equation = "w = A(t) (phi + dphi [time <= t < time + length]), dphi = (dm, dm c)"
+    source = "thesis eq. 2.97 with a payload that changes, and may change back"
     excited_by = "gravity; the time is resolved to a sample"
     separating_motion = "turn the tool after the change: weight turns with gravity, a bias does not"
     confused_with = ("mass_leak", "contact", "sensor_bias", "bias_drift")
     transfers = False
+    defaults: ClassVar[Values] = {"returns": 0.0, "length": 1.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         return (
@@ -39,41 +44,69 @@ class MassStep(Effect):
                 linear=False,
                 resolution=recorded.period,
             ),
+            EffectParameter("returns", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
+            EffectParameter(
+                "length",
+                "s",
+                low=_BESIDE,
+                high=max(recorded.duration, 2.0 * _BESIDE),
+                linear=False,
+                resolution=recorded.period,
+                hidden=True,
+            ),
             EffectParameter("mass", "kg", 0.3),
             *(EffectParameter(name, "kg m", 0.03) for name in _ROWS[1:]),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        for time in steps(recorded, residual, self.columns(recorded, {"time": -np.inf})):
-            yield {"time": time}
+        for begin, end in steps(recorded, residual, self.columns(recorded, {"time": -np.inf})):
+            returns = np.isfinite(end)
+            yield {"time": begin, "returns": float(returns), "length": end - begin if returns else _BESIDE}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        after = (recorded.seconds >= nonlinear["time"]) & recorded.recording_of(nonlinear["time"])
+        begin, end = _span(nonlinear)
+        changed = (recorded.seconds >= begin) & (recorded.seconds < end) & recorded.recording_of(begin)
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
-        return np.asarray(matrix * after[:, None, None])
+        return np.asarray(matrix * changed[:, None, None])
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return () if values.get("returns") else ("length",)
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        return ((values["time"], float(recorded.seconds[recorded.recording_of(values["time"])][-1])),)
+        begin, end = _span(values)
+        return ((begin, min(end, float(recorded.seconds[recorded.recording_of(begin)][-1]))),)
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        del recorded
         mass = values["mass"] or 1e-9
-        return {axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}
+        end = _span(values)[1]
+        ended = {"end": (end, "s")} if np.isfinite(end) else {}
+        return {**{axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}, **ended}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """The first moment changes by at most the reach of the payload times the mass that is there or comes.
 
-        A change at an end of a single recording is none: nothing shows the payload before it or after it.
+        A brief change is a push. A change at an end of a single recording is none: nothing shows the payload before it
+        or after it.
         """
         if not recorded.begins and not _BESIDE < values["time"] - recorded.seconds[0] < recorded.duration - _BESIDE:
             return "the payload would change at the end or the start of the recording"
+        ((start, end),) = self.windows(recorded, values)
+        if end - start < _BESIDE:
+            return f"the payload would change for {end - start:.2f} s"
         moment = np.linalg.norm([values[name] for name in _ROWS[1:]])
         mass = max(float(recorded.phi[0]), 0.5) + abs(values["mass"])
         return "the mass that changes would lie outside the payload" if moment > FARTHEST_CENTRE * mass else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"
+        ((start, end),) = self.windows(recorded, values)
+        again = "" if self.inert(values) else f", and at {end:.2f} s as it was before"
         return (
-            f"At {values['time']:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}: "
+            f"At {start:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}{again}: "
             "the nominal model's payload does not change."
         )
+
+
+def _span(values: Values) -> tuple[float, float]:
+    """(begin, end), s; the end of a change that stays is infinite."""
+    return values["time"], values["time"] + values["length"] if values.get("returns") else np.inf

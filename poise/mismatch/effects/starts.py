@@ -3,9 +3,15 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array, Mask
+
+_GRID = 49
+"""Times from which spans are searched."""
+_ENDS = 12.0
+"""Half the drop of the squared residual that the end of a span must win over a change that stays."""
 
 
 def scaled(recorded: RecordedMotion, residual: Array) -> Array:
@@ -16,11 +22,10 @@ def scaled(recorded: RecordedMotion, residual: Array) -> Array:
 
 def steps(
     recorded: RecordedMotion, residual: Array, columns: Array, count: int = 3, apart: float = 0.5
-) -> Iterator[float]:
-    """Moments from which on `columns` explain the residual best, the best first.
+) -> Iterator[tuple[float, float]]:
+    """Times from which on `columns` explain the residual best, the best first; then the time that ends, if one does.
 
-    For every moment t the columns, zero before t, are fitted beside constants; the gain of that fit is found from
-    sums that grow from the end, in one pass.
+    The columns, zero outside a span of time, are fitted beside constants; the gains come from cumulative sums.
 
     Args:
         recorded: the recording.
@@ -28,40 +33,71 @@ def steps(
         columns: (N, 6, k) the response had it begun before the recording.
         count: how many at the most.
         apart: s between them.
+
+    Yields:
+        (begin, end), s; the end is infinite for what stays.
     """
-    gain = step_gain(scaled(recorded, residual), columns / np.maximum(white_level(residual), 1e-12)[:, None])
-    middle = (recorded.seconds[1:] + recorded.seconds[:-1]) / 2
+    spans = SpanFits(scaled(recorded, residual), columns / np.maximum(white_level(residual), 1e-12)[:, None])
+    samples = len(recorded)
+    gain = spans.gain(np.arange(1, samples), samples)
+    middle = np.concatenate([recorded.seconds[:1], (recorded.seconds[1:] + recorded.seconds[:-1]) / 2])
     taken: list[float] = []
-    for index in np.argsort(gain[1:])[::-1]:
-        time = float(middle[index])
+    for index in np.argsort(gain)[::-1]:
+        time = float(middle[index + 1])
         if all(abs(time - other) > apart for other in taken):
             taken.append(time)
-            yield time
+            yield time, np.inf
         if len(taken) == count:
-            return
+            break
+    first, after, best = spans.best()
+    if best > gain.max() + _ENDS:
+        yield float(middle[first]), float(middle[after])
 
 
-def step_gain(residual: Array, columns: Array) -> Array:
-    """(N,) half the drop of the squared residual when the columns, zero before sample i, join six constants.
+class SpanFits:
+    """Fits of columns that are zero outside a span of samples, beside six constants.
 
     Args:
         residual: (N, C) whitened.
         columns: (N, C, k) whitened.
     """
-    n, _, k = columns.shape
-    centred = residual - residual.mean(axis=0)
 
-    def from_end(values: Array) -> Array:
-        return np.cumsum(values[::-1], axis=0)[::-1]
+    def __init__(self, residual: Array, columns: Array) -> None:
+        centred = residual - residual.mean(axis=0)
+        self._moments = _sums(np.einsum("nck,nc->nk", columns, centred))
+        self._products = _sums(np.einsum("nck,ncl->nkl", columns, columns))
+        self._columns = _sums(columns)
 
-    moments = from_end(np.einsum("nck,nc->nk", columns, centred))
-    products = from_end(np.einsum("nck,ncl->nkl", columns, columns))
-    sums = from_end(columns)
-    gram = products - np.einsum("nck,ncl->nkl", sums, sums) / n
-    # Constant columns equal the constants beside them: their remainder is too small to divide by.
-    ridge = (1e-6 * np.trace(products[0]) / k + 1e-12) * np.eye(k)
-    solved = np.linalg.solve(gram + ridge, moments[:, :, None])[:, :, 0]
-    return np.asarray(np.einsum("nk,nk->n", moments, solved) / 2)
+    def gain(self, first: NDArray[np.intp] | int, after: NDArray[np.intp] | int) -> Array:
+        """Half the drop of the squared residual when the columns from sample `first` to before `after` join."""
+        moments = self._moments[after] - self._moments[first]
+        sums = self._columns[after] - self._columns[first]
+        gram = self._products[after] - self._products[first]
+        gram = gram - np.swapaxes(sums, -1, -2) @ sums / (len(self._moments) - 1)
+        # Constant columns equal the constants beside them: their remainder is too small to divide by.
+        size = moments.shape[-1]
+        ridge = (1e-6 * np.trace(self._products[-1]) / size + 1e-12) * np.eye(size)
+        solved = np.linalg.solve(gram + ridge, moments[..., None])[..., 0]
+        return np.asarray(np.sum(moments * solved, axis=-1) / 2)
+
+    def best(self) -> tuple[int, int, float]:
+        """(first, after) of the best span inside the recording, and its gain: on a grid, then sample by sample."""
+        samples = len(self._moments) - 1
+        grid = np.unique(np.linspace(0, samples - 1, _GRID).astype(np.intp)[1:])
+        pairs = np.stack(np.triu_indices(len(grid), 1))
+        first, after = grid[pairs[:, int(np.argmax(self.gain(grid[pairs[0]], grid[pairs[1]])))]]
+        near = np.arange(-samples // _GRID, samples // _GRID + 1)
+        for _ in range(2):
+            firsts = np.unique(np.clip(first + near, 1, after - 1))
+            first = firsts[int(np.argmax(self.gain(firsts, after)))]
+            afters = np.unique(np.clip(after + near, first + 1, samples - 1))
+            after = afters[int(np.argmax(self.gain(first, afters)))]
+        return int(first), int(after), float(self.gain(first, after))
+
+
+def _sums(values: Array) -> Array:
+    """(N + 1, ...) sums of the values before each sample, and of all."""
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
 
 
 def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterator[tuple[float, float]]:

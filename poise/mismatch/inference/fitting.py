@@ -116,7 +116,7 @@ def refine(
         if settled:
             break
     slopes = _slopes(problem, recorded, effect, at, moving)
-    gain = _evidence_gain(regression, at, parameters, slopes)
+    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(effect, at.values, parameters)
     return EffectCandidate(effect, at.values, gain, at.drop, gain)
 
 
@@ -132,7 +132,7 @@ def score_starts(
         return None
     free = sum(not p.choice for p in parameters)
     slopes = np.zeros((0, len(at.response)))
-    gain = _evidence_gain(regression, at, parameters, slopes)
+    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(effect, at.values, parameters)
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
     visibility = float(np.sqrt(np.max(np.diag(at.projected.information) * typical**2))) if len(typical) else np.inf
@@ -240,10 +240,14 @@ def _evidence_gain(
         held = inner.information + np.diag(precision)
         own = projected.information[count:, count:] - (across.T @ np.linalg.solve(held, across) if count else 0.0)
         scores.append(won + flat_width(own))
-    known = sum(
-        float(np.log(min(p.resolution / (p.high - p.low), 1.0))) for p in parameters if p.resolution and not p.linear
-    )
-    return float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known
+    return float(np.logaddexp.reduce(scores) - np.log(len(scores)))
+
+
+def _chosen(effect: Effect, values: Values, parameters: Iterable[EffectParameter]) -> float:
+    """log prior probability of the discrete values that act, at their resolution."""
+    inert = effect.inert(values)
+    discrete = [p for p in parameters if p.resolution and not p.linear and p.name not in inert]
+    return sum(float(np.log(min(p.resolution / (p.high - p.low), 1.0))) for p in discrete)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,10 +376,8 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
         scores.append(laplace_evidence(at.calibration, calibration, precision, mean, linear))
     best = int(np.argmax(scores))
     known = sum(
-        float(np.log(min(p.resolution / (p.high - p.low), 1.0)))
+        _chosen(part.effect, part.values, part.effect.parameters(recorded))
         for part, recorded in zip(at.parts, at.inputs, strict=True)
-        for p in part.effect.parameters(recorded)
-        if p.resolution and not p.linear
     )
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
     if inside is None:

@@ -46,14 +46,19 @@ def complete_values(effect: Effect, recorded: RecordedMotion, values: Values) ->
     Raises:
         InputError: BAD_INPUT when a value without a default is left out.
     """
+    complete, lacking = _completed(effect, recorded, values)
+    if lacking:
+        raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
+    return complete
+
+
+def _completed(effect: Effect, recorded: RecordedMotion, values: Values) -> tuple[Values, list[str]]:
+    """The values with the defaults, and the names of those that are still missing."""
     parameters = [p.name for p in effect.parameters(recorded)]
     # Names of defaults may leave out the joint: "asymmetry" is that of every joint.
     usual = {name: effect.defaults[stem] for name in parameters for stem in effect.defaults if name.startswith(stem)}
     complete = {**usual, **effect.renewed(values)}
-    lacking = [name for name in parameters if name not in complete]
-    if lacking:
-        raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
-    return complete
+    return complete, [name for name in parameters if name not in complete]
 
 
 def effect_of(component: ModelEffect) -> Effect:
@@ -74,6 +79,6 @@ def absent(effect: Effect, recorded: RecordedMotion, events: bool, values: Value
         return "it belongs to the recording that it was found in"
     if effect.signal == "effort" and recorded.effort is None:
         return "there are no joint efforts"
-    if not effect.transfers and any(p.name not in values for p in effect.parameters(recorded)):
+    if not effect.transfers and _completed(effect, recorded, values)[1]:
         return "its values need what only its own recording has, such as an accelerometer"
     return effect.untestable(recorded)

@@ -92,7 +92,7 @@ TYPICAL = {
     "clock_offset": {"offset": 0.025},
     "joint_offset": {"offset_5": 0.012, "offset_6": -0.015},
     "payload_parameters": {"mass": 0.13, "moment_x": 0.02, "moment_z": -0.015, "ixx": 0.004},
-    "mass_step": {"time": 9.3, "mass": -0.3, "moment_x": -0.01, "moment_z": -0.03},
+    "mass_step": {"time": 9.3, "returns": 1.0, "length": 6.0, "mass": -0.3, "moment_x": -0.01, "moment_z": -0.03},
     "world_force": {"force_x": 1.4, "force_y": -1.3, "force_z": 0.4, **{"x": 0.03, "y": -0.02, "z": 0.12}},
     "cable": {"on_base": 0.0, "anchor_x": 0.4, "anchor_y": 0.6, "anchor_z": 1.9, "stiffness": 25.0}
     | {"damping_time": 0.08, "x": 0.03, "y": -0.02, "z": 0.12, "rest_length": 1.0},
