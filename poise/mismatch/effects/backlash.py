@@ -21,6 +21,8 @@ _TRIED = 17
 """Gaps that are tried."""
 _BLURS, _REACHES = (15, 5), (0.3, 0.1)
 """Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
+_MOST = 2.0
+"""Of the effort of a free link that the fit may have: it is 1 for an exact inertia; more than vanishes is no gap."""
 _SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
 
@@ -52,7 +54,7 @@ class Backlash(Effect):
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
             EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
-            EffectParameter("own", "", 1.0, positive=True, hidden=True),
+            EffectParameter("own", "", 1.0, high=_MOST, positive=True, hidden=True),
             EffectParameter("others", "", 1.0, hidden=True),
         )
 
