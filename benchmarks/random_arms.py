@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -171,8 +172,38 @@ def profile_of(rng: np.random.Generator) -> Profile:
     )
 
 
-def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
-    """The folders of the two recordings of an arm: as declared, and with friction and rotors."""
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """An arm and a motion of it, before anything acts that its model lacks.
+
+    Args:
+        declared: load and tolerances of the model. true: robot and load as they are.
+        honest: errors inside the tolerances.
+        track: what happened. acceleration: (N, J).
+        size: (J,) N m, a large effort of each joint.
+    """
+
+    declared: Scene
+    true: Scene
+    profile: Profile
+    honest: Honest
+    track: Track
+    acceleration: Array
+    size: Array
+    rng: np.random.Generator
+
+    def save(self, case: Path, track: Track, honest: Honest, seed: Sequence[int]) -> None:
+        """Write the recording of a track, and the model."""
+        case.mkdir()
+        recorder = Recorder(self.profile, self.true, honest, (), np.random.default_rng(seed))
+        bag.write(recorder.record(track), case / "recording.mcap")
+        load, frame = self.declared.load.whole, self.true.robot.frame
+        model = {"sensor_frame": frame, "payload": load.document(), "tolerance": TOLERANCE}
+        (case / "model.yaml").write_text(yaml.safe_dump(model))
+
+
+def random_recording(seed: int, folder: Path) -> Recording:
+    """An arm with its load, motion and recorder."""
     rng = np.random.default_rng([seed, 4711])
     robot, seconds = random_arm(folder, rng), float(rng.uniform(15.0, 40.0))
     load, motion = random_load(*robot.payload, rng), random_motion(robot, seconds, rng)
@@ -180,24 +211,31 @@ def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
     profile = profile_of(rng)
     honest = SwingingZero(**vars(draw(declared, rng, skew=profile.skew * 1e-6)))
     true = Scene(robot, honest.load(load), motion, None, honest.links, honest.gravity())
-    rows = np.arange(_EDGE, len(motion[0]) - _EDGE)
-    still = np.zeros((len(motion[0]), 3))
-    wrench, effort = rigid(true, motion[0], still, rows)
+    rows = inner(motion)
+    wrench, effort = rigid(true, motion[0], np.zeros((len(motion[0]), 3)), rows)
     position, velocity, acceleration = (part[rows] for part in motion)
     size = np.maximum(effort.std(axis=0), 0.1 * effort.std(axis=0).max()) + 0.1
-    robot = replace(robot, effort=tuple((0.015 * size).tolist()))
-    rotors = size * rng.uniform(0.02, 0.3, len(size)) / np.maximum(acceleration.std(axis=0), 0.2)
+    true = replace(true, robot=replace(robot, effort=tuple((0.015 * size).tolist())))
     free = np.zeros((len(rows), 3))
     places = np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
     made = Track(rows * STEP, position, velocity, effort, free, free, wrench, np.zeros(len(rows)), *places)
-    loaded = replace(made, effort=effort + bristles(velocity, size, rng) + rotors * acceleration)
-    model = {"sensor_frame": robot.frame, "payload": load.whole.document(), "tolerance": TOLERANCE}
+    return Recording(declared, true, profile, honest, made, acceleration, size, rng)
+
+
+def inner(motion: Reference) -> NDArray[np.int64]:
+    """(n,) steps with an acceleration."""
+    return np.arange(_EDGE, len(motion[0]) - _EDGE)
+
+
+def recorded(seed: int, folder: Path) -> tuple[Path, Path]:
+    """The folders of the two recordings of an arm: as declared, and with friction and rotors."""
+    arm = random_recording(seed, folder)
+    made, size, rng = arm.track, arm.size, arm.rng
+    rotors = size * rng.uniform(0.02, 0.3, len(size)) / np.maximum(arm.acceleration.std(axis=0), 0.2)
+    loaded = made.effort + bristles(made.velocity, size, rng) + rotors * arm.acceleration
     cases = folder / "declared", folder / "friction"
-    for number, (case, course) in enumerate(zip(cases, (made, loaded), strict=True)):
-        case.mkdir()
-        recorder = Recorder(profile, replace(true, robot=robot), honest, (), np.random.default_rng([seed, number]))
-        bag.write(recorder.record(course), case / "recording.mcap")
-        (case / "model.yaml").write_text(yaml.safe_dump(model))
+    for number, (case, effort) in enumerate(zip(cases, (made.effort, loaded), strict=True)):
+        arm.save(case, replace(made, effort=effort), arm.honest, [seed, number])
     return cases
 
 
