@@ -128,6 +128,9 @@ class PlateContact(Effect):
             out[rows, :, axis:last:3] = unit[:, :, None] * linear_bspline_basis[:, None, :]
         return out
 
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return tuple(f"force_{axis}_{k}" for k in range(round(values["knots"]), _MOST) for axis in "xyz")
+
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         del recorded
         return ((values["start"], values["start"] + values["length"]),)

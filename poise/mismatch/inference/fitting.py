@@ -14,7 +14,15 @@ from scipy.special import gammainccinv
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
 from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
-from poise.mismatch.inference.linearised import PRIOR_SCALES, Linearised, columns_of, linearised, slope_of
+from poise.mismatch.inference.linearised import (
+    PRIOR_SCALES,
+    Linearised,
+    acting_columns,
+    acting_parameters,
+    columns_of,
+    linearised,
+    slope_of,
+)
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
@@ -100,15 +108,13 @@ def refine(
         steps: at the most.
         least: gain of interest: the search ends as soon as it is out of reach.
     """
-    parameters = effect.parameters(recorded)
-    inert = effect.inert(start)
-    moving = [p for p in parameters if not (p.linear or p.choice or p.resolution or p.name in inert)]
-    weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
-    at = _linear(problem, regression, recorded, effect, dict(start), weak)
+    parameters = acting_parameters(effect, recorded, start)
+    moving = [p for p in parameters if not (p.linear or p.choice or p.resolution)]
+    at = _linear(problem, regression, recorded, effect, dict(start))
     damping = Damping()
     for _ in range(steps if moving else 0):
         slopes = _slopes(problem, recorded, effect, at, moving)
-        moved = _stepped(problem, regression, recorded, effect, at, moving, slopes, weak, damping, least)
+        moved = _stepped(problem, regression, recorded, effect, at, moving, slopes, damping, least)
         if moved is None:
             break
         settled = moved.drop - at.drop < _SETTLED
@@ -116,7 +122,7 @@ def refine(
         if settled:
             break
     slopes = _slopes(problem, recorded, effect, at, moving)
-    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(effect, at.values, parameters)
+    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(parameters)
     return EffectCandidate(effect, at.values, gain, at.drop, gain)
 
 
@@ -124,15 +130,14 @@ def score_starts(
     problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, starts: Iterable[Values]
 ) -> EffectCandidate | None:
     """One effect beside a regression at the best of some starting points; its potential is the gain beyond chance."""
-    parameters = effect.parameters(recorded)
-    weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
-    tried = (_linear(problem, regression, recorded, effect, dict(start), weak) for start in starts)
+    tried = (_linear(problem, regression, recorded, effect, dict(start)) for start in starts)
     at = max(tried, key=lambda each: each.drop, default=None)
     if at is None:
         return None
+    parameters = acting_parameters(effect, recorded, at.values)
     free = sum(not p.choice for p in parameters)
     slopes = np.zeros((0, len(at.response)))
-    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(effect, at.values, parameters)
+    gain = _evidence_gain(regression, at, parameters, slopes) + _chosen(parameters)
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
     visibility = float(np.sqrt(np.max(np.diag(at.projected.information) * typical**2))) if len(typical) else np.inf
@@ -143,13 +148,17 @@ def score_starts(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """An effect at some values: its whitened columns and response, and the decrease of the square."""
+    """An effect at some values: its whitened columns and response, and the decrease of the square.
+
+    `weak`: precision of the priors of the columns.
+    """
 
     values: dict[str, float]
     columns: Array
     response: Array
     drop: float
     projected: ProjectedColumns
+    weak: Array
 
 
 def _linear(
@@ -158,20 +167,20 @@ def _linear(
     recorded: RecordedMotion,
     effect: Effect,
     nonlinear: dict[str, float],
-    weak: Array,
 ) -> _Point:
-    """The most likely linear parameters at given non-linear ones."""
-    if not len(weak):
+    """The most likely linear parameters at given non-linear ones; 0 for those that do not act."""
+    parameters = [p for p in acting_parameters(effect, recorded, nonlinear) if p.linear]
+    if not parameters:
         response = problem.whiten(effect.simulate(recorded, nonlinear))
         drop, none = regression.project(response[None]).drop(np.ones(1)), np.zeros((0, len(response)))
-        return _Point(nonlinear, none, response, drop, regression.project(none))
-    columns = problem.whiten(effect.columns(recorded, nonlinear))
+        return _Point(nonlinear, none, response, drop, regression.project(none), np.zeros(0))
+    columns = problem.whiten(acting_columns(effect, recorded, nonlinear))
     projected = regression.project(columns)
-    parameters = [p for p in effect.parameters(recorded) if p.linear]
+    weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters])
     linear, drop = projected.fitted(weak, lower=np.array([p.lower for p in parameters]))
-    names = [p.name for p in parameters]
-    values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    return _Point(values, columns, linear @ columns, drop, projected)
+    values = nonlinear | {p.name: 0.0 for p in effect.parameters(recorded) if p.linear}
+    values |= dict(zip((p.name for p in parameters), linear.tolist(), strict=True))
+    return _Point(values, columns, linear @ columns, drop, projected, weak)
 
 
 def _slopes(
@@ -192,7 +201,6 @@ def _stepped(
     at: _Point,
     moving: Sequence[EffectParameter],
     slopes: Array,
-    weak: Array,
     damping: Damping,
     least: float,
 ) -> _Point | None:
@@ -200,16 +208,16 @@ def _stepped(
     count = len(at.columns)
     # The remainder after the present response; linear parameters count from their present values.
     rest = regression.with_target(regression.target - at.response).project(np.vstack([at.columns, slopes]))
-    present = np.array([at.values[p.name] for p in effect.parameters(recorded) if p.linear])
+    present = np.array([at.values[p.name] for p in acting_parameters(effect, recorded, at.values) if p.linear])
     mean = np.concatenate([-present, np.zeros(len(slopes))])
-    promised = 0.5 * rest.fitted(np.concatenate([weak, np.ones(len(slopes))]), mean)[1]
+    promised = 0.5 * rest.fitted(np.concatenate([at.weak, np.ones(len(slopes))]), mean)[1]
     if 0.5 * at.drop + _HOPE * promised < least:
         return None
     for strength in damping.tries():
         held = strength * np.diag(rest.information)[count:]
-        step = rest.fitted(np.concatenate([weak, held + 1e-9]), mean)[0][count:]
+        step = rest.fitted(np.concatenate([at.weak, held + 1e-9]), mean)[0][count:]
         values = {p.name: p.moved(at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
-        trial = _linear(problem, regression, recorded, effect, {**at.values, **values}, weak)
+        trial = _linear(problem, regression, recorded, effect, {**at.values, **values})
         if trial.drop > at.drop:
             damping.eased(strength)
             return trial
@@ -243,10 +251,9 @@ def _evidence_gain(
     return float(np.logaddexp.reduce(scores) - np.log(len(scores)))
 
 
-def _chosen(effect: Effect, values: Values, parameters: Iterable[EffectParameter]) -> float:
-    """log prior probability of the discrete values that act, at their resolution."""
-    inert = effect.inert(values)
-    discrete = [p for p in parameters if p.resolution and not p.linear and p.name not in inert]
+def _chosen(parameters: Iterable[EffectParameter]) -> float:
+    """log prior probability of discrete values at their resolution, of the parameters that act."""
+    discrete = [p for p in parameters if p.resolution and not p.linear]
     return sum(float(np.log(min(p.resolution / (p.high - p.low), 1.0))) for p in discrete)
 
 
@@ -376,7 +383,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
         scores.append(laplace_evidence(at.calibration, calibration, precision, mean, linear))
     best = int(np.argmax(scores))
     known = sum(
-        _chosen(part.effect, part.values, part.effect.parameters(recorded))
+        _chosen(acting_parameters(part.effect, recorded, part.values))
         for part, recorded in zip(at.parts, at.inputs, strict=True)
     )
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale

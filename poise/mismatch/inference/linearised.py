@@ -96,8 +96,21 @@ def linearised(
 
 def continuous_parameters(part: FittedEffect, recorded: RecordedMotion) -> list[EffectParameter]:
     """Its parameters that have a column: all but discrete ones, and those of a law that does not act."""
-    inert, every = part.effect.inert(part.values), part.effect.parameters(recorded)
-    return [p for p in every if p.linear or not (p.choice or p.resolution or p.name in inert)]
+    every = acting_parameters(part.effect, recorded, part.values)
+    return [p for p in every if p.linear or not (p.choice or p.resolution)]
+
+
+def acting_parameters(effect: Effect, recorded: RecordedMotion, values: Values) -> list[EffectParameter]:
+    """The parameters on which its response depends at these values."""
+    inert = frozenset(effect.inert(values))
+    return [p for p in effect.parameters(recorded) if p.name not in inert]
+
+
+def acting_columns(effect: Effect, recorded: RecordedMotion, values: Values) -> Array:
+    """(N, C, k) the response to one unit of each linear parameter that acts."""
+    columns, inert = effect.columns(recorded, values), frozenset(effect.inert(values))
+    acts = [p.name not in inert for p in effect.parameters(recorded) if p.linear]
+    return columns if all(acts) else columns[:, :, acts]
 
 
 def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[RecordedMotion]) -> Array:
@@ -105,7 +118,9 @@ def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[R
     columns: list[Array] = []
     for part, recorded in zip(parts, inputs, strict=True):
         effect, values, own = part.effect, part.values, continuous_parameters(part, recorded)
-        straight = iter(np.moveaxis(effect.columns(recorded, values), 2, 0) if any(p.linear for p in own) else ())
+        straight = iter(
+            np.moveaxis(acting_columns(effect, recorded, values), 2, 0) if any(p.linear for p in own) else ()
+        )
         here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(recorded, values)
         columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]
     if not columns:
