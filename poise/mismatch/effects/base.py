@@ -156,6 +156,7 @@ class Effect(ABC):
         turn: derived quantity, rad, by which the load turns on the sensor: less than the tolerance of the sensor's
             rotation is no finding; "" for an effect that does not turn it.
         of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
+        lasting: all its parameters are linear, and its columns are the same array for each prediction of a motion.
         dry: friction that carries a load of up to its size while the joint is at rest.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
@@ -185,6 +186,7 @@ class Effect(ABC):
     turn: ClassVar[str] = ""
     widens: ClassVar[str] = ""
     of_joint: ClassVar[Mapping[str, str]] = {}
+    lasting: ClassVar[bool] = False
     dry: ClassVar[bool] = False
     defaults: ClassVar[Values] = {}
 

@@ -115,18 +115,19 @@ def acting_columns(effect: Effect, recorded: RecordedMotion, values: Values) -> 
 
 def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[RecordedMotion]) -> Array:
     """(k, R) whitened response to each parameter of each part."""
-    columns: list[Array] = []
+    white: list[Array] = []
     for part, recorded in zip(parts, inputs, strict=True):
         effect, values, own = part.effect, part.values, continuous_parameters(part, recorded)
-        straight = iter(
-            np.moveaxis(acting_columns(effect, recorded, values), 2, 0) if any(p.linear for p in own) else ()
-        )
+        if effect.lasting and own:
+            white.append(problem.whitened_curve(effect.columns(recorded, values)))
+            continue
+        linear = any(p.linear for p in own)
+        straight = iter(np.moveaxis(acting_columns(effect, recorded, values), 2, 0) if linear else ())
         here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(recorded, values)
-        columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]
-    if not columns:
-        return np.zeros((0, problem.whiten(problem.measured).size))
-    # In the order in which they are whitened: a copy across the axes would take longer.
-    return problem.whiten(np.stack([column.T for column in columns]).T)
+        columns = [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]
+        if columns:  # in the order in which they are whitened: a copy across the axes would take longer
+            white.append(problem.whiten(np.stack([column.T for column in columns]).T))
+    return np.concatenate(white) if white else np.zeros((0, problem.whiten(problem.measured).size))
 
 
 def slope_of(effect: Effect, recorded: RecordedMotion, values: Values, p: EffectParameter, here: Array) -> Array:

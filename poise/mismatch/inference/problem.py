@@ -30,6 +30,8 @@ BRIEF, _BESIDE = 0.3, 0.2
 """Share of a recording within which an event is brief; s on its sides that are left out with it."""
 _BEST_MODEL = 0.002
 """Share of a channel's standard deviation below which no model predicts it."""
+_CURVES = 3
+"""Free curves of which a problem keeps the whitened columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +104,7 @@ class Problem:
     straight: bool = False
     limited: Mask | None = None
     _white: dict[int, tuple[CalibrationGroup, Array]] = field(default_factory=dict, init=False, repr=False)
+    _curves: list[tuple[Array, Array]] = field(default_factory=list, init=False, repr=False)
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
         default_factory=list, init=False, repr=False
     )
@@ -236,6 +239,15 @@ class Problem:
         wide = values if values.ndim == 3 else values[:, :, None]
         kept = self._kept(self._judging.whiten(self._freed(wide)))
         return kept[0] if values.ndim == 2 else kept
+
+    def whitened_curve(self, columns: Array) -> Array:
+        """`whiten` of an array (N, C, k) that is the same object in each model, as the columns of free curves are."""
+        for known, white in self._curves:
+            if known is columns:
+                return white
+        white = self.whiten(columns)
+        self._curves[:] = [*self._curves[1 - _CURVES :], (columns, white)]
+        return white
 
     def _freed(self, values: Array, channel: NDArray[np.intp] | None = None) -> Array:
         """Averages of values (N, C, k), or (N, k) that act in one channel each, without the limited readings."""

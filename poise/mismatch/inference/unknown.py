@@ -227,6 +227,7 @@ class FreeCurve(Effect):
     """A signal has a part that is some function of one state: physics that is not in the library."""
 
     order = 9
+    lasting = True
     source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
     excited_by = "the state"
     separating_motion = "vary this state alone, the others held still"
