@@ -13,6 +13,7 @@ from poise.assembly.statics.block_solvers import BlockKey, BlockSolvers
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.pushes import Loads
 from poise.assembly.statics.single_patch import SinglePatch
+from poise.assembly.statics.symmetry import Symmetry
 from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import cross
 from poise.types import Array, Indices
@@ -87,6 +88,10 @@ class Mechanism:
     def twist(self) -> Array:
         """(6 n,) in the block's units."""
         return self._twist
+
+    def image(self, symmetry: Symmetry) -> "Mechanism":
+        """The mechanism that a symmetry of its block carries it into."""
+        return Mechanism(self.block, symmetry.of_bodies(self.twist), self._still)
 
     @cached_property
     def velocities(self) -> dict[int, Array]:

@@ -264,6 +264,11 @@ class CoulombBlock:
                 return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), *ways)
         return None
 
+    def held_at(self, load: Array, displacement: Array) -> float:
+        """The factor of a load (6 n,) at which a displacement (6 n,) is an equilibrium; 0 where it is none."""
+        here = self._reach(load, displacement, 0, NO_DEADLINE)
+        return here.factor if here is not None and here.held else 0.0
+
     def motion(self, displacement: Array, load: Array) -> Array:
         """(6 n,) the motion that a small load (6 n,) causes at a displacement (6 n,): near collapse, the mechanism."""
         return self._response(displacement, load)

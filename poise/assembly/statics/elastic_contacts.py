@@ -80,7 +80,7 @@ class ElasticContacts:
         # The ground is one more body, whose motion and forces are dropped.
         self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
         self._stiffness_of_bodies = BodyStiffness(self.sides, self.count)
-        self._wrenches = points.wrenches
+        self.wrenches = points.wrenches
         self._lay_out(points.wrenches)
 
     def _lay_out(self, wrenches: Array) -> None:
@@ -104,7 +104,7 @@ class ElasticContacts:
         """The same in compiled form; None where the kernels are not installed."""
         if not COMPILED:
             return None
-        return CompiledElasticContacts(self, self._wrenches, self._order or Elimination.of(self.sides, self.count))
+        return CompiledElasticContacts(self, self.wrenches, self._order or Elimination.of(self.sides, self.count))
 
     @cached_property
     def glued(self) -> Stiffness:
