@@ -20,6 +20,10 @@ _ROUND = 96
 _MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
 ROW_CHUNK = 20_000
+_TOWARDS = np.array([0.7548776662466927, 0.5698402909980532, 0.0])
+"""Of the images of a point the one that reaches farthest along this is taken: the same part of the surface for all."""
+_EQUAL = 1e-9
+"""... if by more than this, per length of the block."""
 
 
 def chunks(count: int) -> Iterator[slice]:
@@ -104,6 +108,7 @@ class Pool:
     answers: dict[tuple[int, bytes], Programs] = field(default_factory=dict)
     twists: list[Array] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
+    _images: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block; its mechanisms join the pool."""
@@ -135,7 +140,18 @@ class Pool:
     def take(self, region: "Region") -> None:
         """Keep the bounds of a region for the map."""
         upper = np.maximum(region.upper, region.lower)
-        self.bounds.raise_to(region.rows, region.lower, upper, self.number, region.mechanism)
+        self.bounds.raise_to(region.rows, region.lower, upper, self.number, self._carried_back(region))
+
+    def _carried_back(self, region: "Region") -> Indices:
+        """(n,) number of the mechanism that bounds each point, where the region has those of its image."""
+        mechanisms, found = self.bounds.mechanisms, region.mechanism.copy()
+        pairs = {*zip(found.tolist(), region.folded.tolist(), strict=True)}
+        for number, which in sorted(pair for pair in pairs if min(pair) >= 0):
+            if (number, which) not in self._images:
+                self._images[number, which] = len(mechanisms)
+                mechanisms.append(mechanisms[number].image(self.block.solvers.symmetries[which].inverse))
+            found[(region.mechanism == number) & (region.folded == which)] = self._images[number, which]
+        return found
 
     def _keep(self, twist: Array) -> None:
         self.bounds.solves += 1
@@ -172,12 +188,14 @@ class Region:
         body: of the block.
         rows: (n,) numbers of the points.
         wrenches: (n, 6) of unit pushes, in the block's units.
+        folded: (n,) number of the symmetry of the block that carried each push here; -1: none did.
     """
 
     pool: Pool
     body: int
     rows: Indices
     wrenches: Array
+    folded: Indices
 
     def __post_init__(self) -> None:
         self._seen = 0
@@ -312,12 +330,46 @@ def _between(region: Region, values: Array, rest: Array) -> None:
         region.upper[part] = np.minimum(region.upper[part], bound)
 
 
-def _split(body: Indices, surface: SurfacePoints, rows: Indices, length: float) -> list[Indices]:
-    """The rows (positions in `rows`) in groups of one body, one direction of push and one plane."""
-    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / length
-    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
-    group = group_rows(key)
-    return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+@dataclass(frozen=True, eq=False)
+class _Pushes:
+    """Unit pushes on the bodies (n,) of a block at points (n, 3), m, in directions (n, 3); wrenches (n, 6) in its units.
+
+    Symmetries of the block carry pushes into each other, which it holds alike. `folded` is what carried each of them.
+    """
+
+    body: Indices
+    points: Array
+    directions: Array
+    wrenches: Array
+    folded: Indices
+
+    @classmethod
+    def of(cls, block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array) -> "_Pushes":
+        """The images of pushes (rows), with wrenches (N, 6) of all, N and N m, in one part of the surface."""
+        units, body = block.geometry.units, block.bodies_of(surface.place[rows])
+        points, directions = surface.points[rows], surface.directions[rows]
+        scaled, folded = units.of_wrench(wrenches[rows]), np.full(len(rows), -1)
+        most = (points - units.origin) @ _TOWARDS
+        for number, symmetry in enumerate(block.solvers.symmetries):
+            images = units.origin + symmetry.vectors(surface.points[rows] - units.origin)
+            reach = (images - units.origin) @ _TOWARDS
+            better = reach > most + _EQUAL * units.length
+            most[better], points[better], folded[better] = reach[better], images[better], number
+        for number, symmetry in enumerate(block.solvers.symmetries):
+            part = folded == number
+            body[part] = symmetry.bodies[body[part]]
+            directions[part], scaled[part] = symmetry.vectors(directions[part]), symmetry.wrenches(scaled[part])
+        return cls(body, points, directions, scaled, folded)
+
+    def split(self, length: float) -> list[Indices]:
+        """Groups of one body, one direction of push and one plane, to 1e-6 of a length, m."""
+        offset = np.einsum("ij,ij->i", self.points, self.directions) / length
+        group = group_rows(np.column_stack([self.body, np.round(self.directions, 7), np.round(offset, 6)]))
+        return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+
+    def region(self, pool: Pool, rows: Indices, part: Indices) -> Region:
+        """Some pushes on one body, to be bounded together; `rows` are the numbers of all."""
+        return Region(pool, int(self.body[part[0]]), rows[part], self.wrenches[part], self.folded[part])
 
 
 def bound_block(
@@ -333,26 +385,21 @@ def bound_block(
     if pool.deadline.passed:
         pool.bounds.give_up(rows)
         return False
-    geometry = pool.block.geometry
-    body = pool.block.bodies_of(surface.place[rows])
-    scaled = geometry.units.of_wrench(wrenches[rows])
-    groups = _split(body, surface, rows, geometry.units.length)
+    units, pushes = pool.block.geometry.units, _Pushes.of(pool.block, surface, rows, wrenches)
     complete, curved = True, np.zeros(len(rows), dtype=bool)
-    for part in groups:
+    for part in pushes.split(units.length):
         if len(part) < _FLAT:
             curved[part] = True
             continue
         pool.begin(flat=True)
-        region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
-        direction = surface.directions[rows[part[0]]]
-        plane, corners, places = _rectangle(surface.points[rows[part]], direction)
-        corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
+        region, direction = pushes.region(pool, rows, part), pushes.directions[part[0]]
+        plane, corners, places = _rectangle(pushes.points[part], direction)
+        corner_wrenches = units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         pool.take(region)
-    for number in np.unique(body[curved]):
-        part = np.flatnonzero(curved & (body == number))
+    for number in np.unique(pushes.body[curved]):
         pool.begin(flat=False)
-        region = Region(pool, int(number), rows[part], scaled[part])
+        region = pushes.region(pool, rows, np.flatnonzero(curved & (pushes.body == number)))
         complete &= bound_curved(region, tolerance, floor)
         pool.take(region)
     return complete

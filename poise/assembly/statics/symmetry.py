@@ -41,6 +41,11 @@ class Symmetry:
         both[3:, 3:] = np.linalg.det(self.turn) * self.turn.T
         return both
 
+    @cached_property
+    def inverse(self) -> "Symmetry":
+        """What undoes it."""
+        return Symmetry(self.turn.T, np.argsort(self.bodies))
+
     def vectors(self, vectors: Array) -> Array:
         """Images of vectors (..., 3), or of points from the origin."""
         return np.asarray(vectors @ self.turn.T)
