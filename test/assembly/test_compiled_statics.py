@@ -53,7 +53,7 @@ def test_collapse_loads_are_those_of_clarabel(block, program: str, monkeypatch: 
         found = solver.inverse_factor(load)
         monkeypatch.setattr(pair_program, "COMPILED", False)
         direct = solver.inverse_factor(load)
-        assert found.value == pytest.approx(direct.value, rel=1e-5, abs=UNLIMITED)
+        assert found.value == pytest.approx(direct.value, rel=2e-5, abs=UNLIMITED)
         assert found.upper >= direct.value * (1 - 1e-6)
         assert found.twist @ load == pytest.approx(found.value, rel=1e-6, abs=UNLIMITED)
 

@@ -25,7 +25,7 @@ class Cells:
     """A patch as a few cells, each sliding as a whole and turning as a ring.
 
     A motion with velocity v at a cell and turning rate w costs weights[k] * |(v, spins[k] w)| there: together the
-    cells follow the limit surface of uniform pressure to about 2 %, and pure turning exactly.
+    cells follow the limit surface of uniform pressure to 2 or 3 %, and pure turning exactly.
 
     Args:
         weights: (M,) shares of the normal force, sum 1.
