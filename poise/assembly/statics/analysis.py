@@ -93,16 +93,22 @@ class Mechanism:
         """The mechanism that a symmetry of its block carries it into."""
         return Mechanism(self.block, symmetry.of_bodies(self.twist), self._still)
 
+    def _moving(self) -> list[tuple[int, int]]:
+        """Bodies of the block that move, and each object that moves with them."""
+        speeds, groups = np.abs(self.twist.reshape(-1, 6)).max(axis=1), self.block.block.members
+        bodies = np.flatnonzero(speeds > self._still * speeds.max()).tolist()
+        return [(body, place) for body in bodies for place in groups[body]]
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Objects that move, by their places in `Assembly.objects`."""
+        return tuple(place for _, place in self._moving())
+
     @cached_property
     def velocities(self) -> dict[int, Array]:
         """For each object that moves, its place in `Assembly.objects`: (6,) velocity of its com, angular velocity."""
-        twists = self.twist.reshape(-1, 6)
-        speeds = np.abs(twists).max(axis=1)
-        velocities = self.block.geometry.units.velocity(twists)
-        objects, groups = self.block.structure.assembly.objects, self.block.block.members
-        moving = [
-            (body, place) for body in np.flatnonzero(speeds > self._still * speeds.max()) for place in groups[body]
-        ]
+        velocities = self.block.geometry.units.velocity(self.twist.reshape(-1, 6))
+        objects, moving = self.block.structure.assembly.objects, self._moving()
         rows = velocities[[body for body, _ in moving]]
         # v + omega x com, for all at once
         com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)

@@ -74,24 +74,39 @@ class FrictionSurface:
     def _motions(self) -> Array:
         """(D, 3) motions (v, w * radius) of unit dissipation, all around."""
         lift, turn = np.meshgrid(np.pi / 2 * np.arange(24) / 24, 2 * np.pi * np.arange(48) / 48, indexing="ij")
-        half = np.stack([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)], axis=2).reshape(-1, 3)
-        half = np.vstack([half, [0.0, 0.0, 1.0]])
-        half /= self.dissipation(half[:, :2], half[:, 2] / self.radius)[:, None]
+        half = np.stack([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)], axis=2)
+        first, like = self._azimuths(48)
+        some = np.vstack([half[:, first].reshape(-1, 3), [0.0, 0.0, 1.0]])
+        speeds = self.dissipation(some[:, :2], some[:, 2] / self.radius)
+        half = half / speeds[:-1].reshape(24, -1)[:, like, None]
+        half = np.vstack([half.reshape(-1, 3), [0.0, 0.0, 1.0 / speeds[-1]]])
         return np.concatenate([half, -half])
+
+    def _azimuths(self, count: int) -> tuple[Indices, Indices]:
+        """Which of `count` azimuths around have to be asked, and (count,) the number of one of these that each is like.
+
+        A rectangle along the axes is mirrored by both.
+        """
+        every = np.arange(count)
+        if self.sides is None or np.abs(self.sides).min(axis=1).max() > _ALIKE:
+            return every, every
+        half = np.minimum(every, count - every)
+        return every[: count // 4 + 1], np.minimum(half, count // 2 - half)
 
     @cached_property
     def _table(self) -> Array:
         """(_TABLE, _TABLE) normal force needed for unit vectors (f, moment / radius), by azimuth and by elevation."""
-        azimuth = np.linspace(0, 2 * np.pi, _TABLE)[:, None]
+        first, like = self._azimuths(_TABLE - 1)
+        azimuth = np.linspace(0, 2 * np.pi, _TABLE)[first, None]
         lift = np.linspace(0, np.pi / 2, _TABLE)
         motions = self._motions[: len(self._motions) // 2]  # the others are their opposites
         flat = np.concatenate([np.cos(azimuth), np.sin(azimuth)], axis=1) @ motions[:, :2].T
-        table, sums = np.empty((_TABLE, _TABLE)), np.empty_like(flat)
+        table, sums = np.empty((len(first), _TABLE)), np.empty_like(flat)
         for column, angle in enumerate(lift.tolist()):
             np.multiply(flat, math.cos(angle), out=sums)
             sums += math.sin(angle) * motions[:, 2]
             table[:, column] = np.maximum(sums.max(axis=1), -sums.min(axis=1))
-        return table
+        return table[np.append(like, like[0])]
 
     def _known(self, column: Indices, row: Indices) -> Array:
         """`_table`, of which a few questions fill in only the corners of the cells (...) that they are in."""
@@ -276,12 +291,13 @@ def _surface_of(data: bytes, shape: tuple[int, ...]) -> FrictionSurface:
 
 
 def _rectangle(corners: Array, area: float) -> Array | None:
-    """(2, 2) the longer and the shorter side of a rectangle around the origin with these corners (C, 2), and no others.
+    """(2, 2) the longer and the shorter side of the rectangle around the origin that triangles fill.
 
-    None where triangles with these corners and this area make another shape.
+    None where triangles with these corners (C, 2) and this area make another shape.
     """
-    far = corners[np.abs(corners).sum(axis=1).argmax()]
-    others = corners[np.abs(np.abs(corners @ far) - far @ far) > _ALIKE]
+    squares = (corners**2).sum(axis=1)
+    far = corners[squares.argmax()]
+    others = corners[(squares > squares.max() - _ALIKE) & (np.abs(corners @ far) < squares.max() - _ALIKE)]
     if not len(others):
         return None
     sides = np.stack([far + others[0], far - others[0]])

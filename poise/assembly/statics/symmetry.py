@@ -110,13 +110,13 @@ class _Springs:
         axes = plane_axes(up)
         x, y = (self._centres @ axes.T).T
         height, radius, flat = self._centres @ up, np.hypot(x, y), np.abs(self._normals @ up)
-        alike = np.round(np.column_stack([height, radius, flat]), 6)
-        _, group, sizes = np.unique(alike, axis=0, return_inverse=True, return_counts=True)
+        kinds = np.column_stack([height, radius, flat])
+        _, group, sizes = np.unique(np.round(kinds, 6), axis=0, return_inverse=True, return_counts=True)
         usable = np.flatnonzero(radius > _ON_AXIS)
         if not len(usable):
             return
         one = usable[sizes[group.ravel()[usable]].argmin()]
-        others = np.flatnonzero(group.ravel() == group.ravel()[one])
+        others = np.flatnonzero(np.abs(kinds - kinds[one]).max(axis=1) <= _SAME)
         frame = np.vstack([axes, up])
         for other in others.tolist() if len(others) <= _MOST else ():
             for mirrored in (False, True):
