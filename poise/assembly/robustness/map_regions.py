@@ -134,7 +134,7 @@ class Pool:
         load[6 * body : 6 * body + 6] = wrench
         return load
 
-    def begin(self, flat: bool) -> None:
+    def begin(self, flat: bool, region: "Region") -> None:
         """Called before a flat or curved region is bounded."""
 
     def take(self, region: "Region") -> None:
@@ -391,15 +391,15 @@ def bound_block(
         if len(part) < _FLAT:
             curved[part] = True
             continue
-        pool.begin(flat=True)
         region, direction = pushes.region(pool, rows, part), pushes.directions[part[0]]
+        pool.begin(True, region)
         plane, corners, places = _rectangle(pushes.points[part], direction)
         corner_wrenches = units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         pool.take(region)
     for number in np.unique(pushes.body[curved]):
-        pool.begin(flat=False)
         region = pushes.region(pool, rows, np.flatnonzero(curved & (pushes.body == number)))
+        pool.begin(False, region)
         complete &= bound_curved(region, tolerance, floor)
         pool.take(region)
     return complete
