@@ -137,11 +137,11 @@ def test_maps_of_mirrored_points_are_those_asked_one_by_one(monkeypatch):
     found = robustness_map(scene, 600)
     monkeypatch.setattr(BlockSolvers, "symmetries", ())
     each = robustness_map(scene, 600)
-    assert found.solves < 0.6 * each.solves
+    assert found.solves < 0.7 * each.solves
     both = np.isfinite(found.upper) & np.isfinite(each.upper)
     assert np.median(np.abs(found.upper[both] / each.upper[both] - 1)) < 0.01
-    assert np.all(found.lower <= 1.01 * each.upper)
-    assert np.all(each.lower <= 1.01 * found.upper)
+    assert np.all(found.lower <= 1.05 * each.upper)
+    assert np.all(each.lower <= 1.05 * found.upper)
 
 
 def test_a_mechanism_of_a_map_is_that_of_the_point_itself():

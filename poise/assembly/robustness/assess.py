@@ -52,7 +52,7 @@ class Robustness:
         mechanism = self._evidence.mechanism
         if mechanism is None:
             return ()
-        return tuple(self._evidence.objects[place].id for place in mechanism.places)
+        return tuple(self._evidence.objects[place].id for place in mechanism.velocities)
 
     @property
     def mechanism(self) -> Array:

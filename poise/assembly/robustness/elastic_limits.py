@@ -107,7 +107,7 @@ class ElasticLimits:
         return self
 
     def _carry(self, row: int, other: int, symmetry: Symmetry) -> None:
-        """Take the limit of a direction from the one that a symmetry carries into it, if its state is an equilibrium."""
+        """Take the limit of a direction from one that a symmetry carries into it, if its state is an equilibrium."""
         found, load, most = self._found[other], self._load(row), float(self.most[row])
         state = None if found.displacement is None else symmetry.of_bodies(found.displacement)
         if state is not None and self.block.solvers.coulomb.held_at(load, state) < (1 - _SAME) * found.value:

@@ -1,6 +1,5 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -9,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness.convexity import upper_planes
+from poise.assembly.robustness.folded_pushes import FoldedPushes
 from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor, Mechanism
 from poise.geometry import plane_axes, wrench_of_force
 from poise.types import Array, Indices, Mask
@@ -20,22 +20,11 @@ _ROUND = 96
 _MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
 ROW_CHUNK = 20_000
-_TOWARDS = np.array([0.7548776662466927, 0.5698402909980532, 0.0])
-"""Of the images of a point the one that reaches farthest along this is taken: the same part of the surface for all."""
-_EQUAL = 1e-9
-"""... if by more than this, per length of the block."""
 
 
 def chunks(count: int) -> Iterator[slice]:
     """Slices of at most `ROW_CHUNK` rows that cover `count` rows."""
     return (slice(start, min(start + ROW_CHUNK, count)) for start in range(0, count, ROW_CHUNK))
-
-
-def group_rows(key: Array) -> Indices:
-    """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
-    # One number for each row of the key: far faster to sort than rows.
-    weights = np.array([1.0, math.e, math.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
-    return np.unique(np.round(key @ weights, 6), return_inverse=True)[1].ravel()
 
 
 @dataclass(eq=False)
@@ -205,6 +194,11 @@ class Region:
         self.solved = np.zeros(len(self.rows), dtype=bool)
         self.values = np.zeros(len(self.rows))
 
+    @classmethod
+    def of(cls, pool: Pool, pushes: FoldedPushes, rows: Indices, part: Indices) -> "Region":
+        """Some of the pushes (part), on one body; `rows` are the numbers of all."""
+        return cls(pool, int(pushes.body[part[0]]), rows[part], pushes.wrenches[part], pushes.folded[part])
+
     def learn(self) -> None:
         """Raise the lower bounds by the mechanisms that joined the pool since."""
         values, numbers = self.pool.cuts(self.body, self.wrenches, self._seen)
@@ -330,48 +324,6 @@ def _between(region: Region, values: Array, rest: Array) -> None:
         region.upper[part] = np.minimum(region.upper[part], bound)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pushes:
-    """Unit pushes on the bodies (n,) of a block at points (n, 3), m, in directions (n, 3); wrenches (n, 6) in its units.
-
-    Symmetries of the block carry pushes into each other, which it holds alike. `folded` is what carried each of them.
-    """
-
-    body: Indices
-    points: Array
-    directions: Array
-    wrenches: Array
-    folded: Indices
-
-    @classmethod
-    def of(cls, block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array) -> "_Pushes":
-        """The images of pushes (rows), with wrenches (N, 6) of all, N and N m, in one part of the surface."""
-        units, body = block.geometry.units, block.bodies_of(surface.place[rows])
-        points, directions = surface.points[rows], surface.directions[rows]
-        scaled, folded = units.of_wrench(wrenches[rows]), np.full(len(rows), -1)
-        most = (points - units.origin) @ _TOWARDS
-        for number, symmetry in enumerate(block.solvers.symmetries):
-            images = units.origin + symmetry.vectors(surface.points[rows] - units.origin)
-            reach = (images - units.origin) @ _TOWARDS
-            better = reach > most + _EQUAL * units.length
-            most[better], points[better], folded[better] = reach[better], images[better], number
-        for number, symmetry in enumerate(block.solvers.symmetries):
-            part = folded == number
-            body[part] = symmetry.bodies[body[part]]
-            directions[part], scaled[part] = symmetry.vectors(directions[part]), symmetry.wrenches(scaled[part])
-        return cls(body, points, directions, scaled, folded)
-
-    def split(self, length: float) -> list[Indices]:
-        """Groups of one body, one direction of push and one plane, to 1e-6 of a length, m."""
-        offset = np.einsum("ij,ij->i", self.points, self.directions) / length
-        group = group_rows(np.column_stack([self.body, np.round(self.directions, 7), np.round(offset, 6)]))
-        return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
-
-    def region(self, pool: Pool, rows: Indices, part: Indices) -> Region:
-        """Some pushes on one body, to be bounded together; `rows` are the numbers of all."""
-        return Region(pool, int(self.body[part[0]]), rows[part], self.wrenches[part], self.folded[part])
-
-
 def bound_block(
     pool: Pool, surface: SurfacePoints, rows: Indices, wrenches: Array, tolerance: float, floor: float
 ) -> bool:
@@ -385,20 +337,20 @@ def bound_block(
     if pool.deadline.passed:
         pool.bounds.give_up(rows)
         return False
-    units, pushes = pool.block.geometry.units, _Pushes.of(pool.block, surface, rows, wrenches)
+    units, pushes = pool.block.geometry.units, FoldedPushes.of(pool.block, surface, rows, wrenches)
     complete, curved = True, np.zeros(len(rows), dtype=bool)
     for part in pushes.split(units.length):
         if len(part) < _FLAT:
             curved[part] = True
             continue
-        region, direction = pushes.region(pool, rows, part), pushes.directions[part[0]]
+        region, direction = Region.of(pool, pushes, rows, part), pushes.directions[part[0]]
         pool.begin(True, region)
         plane, corners, places = _rectangle(pushes.points[part], direction)
         corner_wrenches = units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         pool.take(region)
     for number in np.unique(pushes.body[curved]):
-        region = pushes.region(pool, rows, np.flatnonzero(curved & (pushes.body == number)))
+        region = Region.of(pool, pushes, rows, np.flatnonzero(curved & (pushes.body == number)))
         pool.begin(False, region)
         complete &= bound_curved(region, tolerance, floor)
         pool.take(region)

@@ -106,7 +106,7 @@ class FrictionSurface:
             np.multiply(flat, math.cos(angle), out=sums)
             sums += math.sin(angle) * motions[:, 2]
             table[:, column] = np.maximum(sums.max(axis=1), -sums.min(axis=1))
-        return table[np.append(like, like[0])]
+        return np.asarray(table[np.append(like, like[0])])
 
     def _known(self, column: Indices, row: Indices) -> Array:
         """`_table`, of which a few questions fill in only the corners of the cells (...) that they are in."""
