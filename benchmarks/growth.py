@@ -7,7 +7,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +120,7 @@ class Effort:
         points: of a map.
         deadline: s, of each question (wall clock).
         jobs: which of push, limits, map, disassembly.
+        uneven: masses are random, within 20 % of those of the scene, so that nothing is mirrored.
     """
 
     pushes: int = 20
@@ -127,6 +128,7 @@ class Effort:
     points: int = 10_000
     deadline: float = 60.0
     jobs: tuple[str, ...] = ("push", "limits", "map", "disassembly")
+    uneven: bool = False
 
 
 def spent(job: Callable[[], Any]) -> tuple[float, Any]:
@@ -137,6 +139,16 @@ def spent(job: Callable[[], Any]) -> tuple[float, Any]:
     except PoiseError as error:
         found = error
     return 1e3 * (time.process_time() - start), found
+
+
+def uneven(assembly: Assembly, seed: int) -> Assembly:
+    """The same scene with random masses, within 20 %."""
+    factors = np.random.default_rng([seed, 2]).uniform(0.8, 1.2, len(assembly.objects)).tolist()
+    made = [
+        item if item.fixed else replace(item, mass=factor * item.mass)
+        for item, factor in zip(assembly.objects, factors, strict=True)
+    ]
+    return replace(assembly, objects=tuple(made))
 
 
 def random_pushes(analysis: Analysis, count: int, rng: np.random.Generator) -> list[Push]:
@@ -152,7 +164,7 @@ def random_pushes(analysis: Analysis, count: int, rng: np.random.Generator) -> l
 
 def measured(kind: str, count: int, effort: Effort, seed: int) -> Row:
     """One scene: processor times in ms, and whether each answer is whole."""
-    assembly = KINDS[kind](count)
+    assembly = uneven(KINDS[kind](count), seed) if effort.uneven else KINDS[kind](count)
     row: Row = {"scene": f"{kind}{count}"}
     row["ready"], analysis = spent(lambda: Analysis.of(assembly))
     row["stands"], _ = spent(lambda: analysis.stability())
@@ -206,9 +218,10 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--deadline", type=float, default=60.0, help="s, of each question")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--uneven", action="store_true", help="random masses: nothing is mirrored")
     parser.add_argument("--json", type=Path, help="write the figures here")
     given = parser.parse_args()
-    effort = Effort(given.pushes, given.directions, given.points, given.deadline, tuple(given.jobs))
+    effort = Effort(given.pushes, given.directions, given.points, given.deadline, tuple(given.jobs), given.uneven)
     rows = []
     for kind in given.only or KINDS:
         for count in given.sizes or SIZES[kind]:

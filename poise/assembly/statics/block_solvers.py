@@ -105,7 +105,9 @@ class BlockSolvers:
 
     @cached_property
     def symmetries(self) -> tuple[Symmetry, ...]:
-        """What carries the block into itself, apart from the identity."""
+        """What carries the block into itself, apart from the identity; not looked for where answers are fast anyway."""
+        if self.geometry.statically_determinate:
+            return ()
         return symmetries(self.geometry, self.coulomb.contacts)
 
     @cached_property
