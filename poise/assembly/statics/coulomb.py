@@ -185,13 +185,11 @@ class CoulombBlock:
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
         most = min(above, expected)
-        path = self._follow(load, most, deadline, tolerance)
+        path = self._follow(load, most, deadline, tolerance, look=True)
         if len(path.points) == 1 and not deadline.passed:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
             # everything far; what contacts that stick would yield leads to where some stick again.
-            path = self._follow(load, most, deadline, tolerance, response=self._glued(load))
-        if path.ended and path.best.factor < most:
-            path = look_beyond(path, partial(self._stands_near, load, deadline), most, tolerance)
+            path = self._follow(load, most, deadline, tolerance, response=self._glued(load), look=True)
         if not path.ended and len(path.points) > 1:
             path = self._go_on(path, load, most, tolerance, deadline)
         best = path.best
@@ -210,18 +208,23 @@ class CoulombBlock:
         tolerance: float,
         begin: PathPoint | None = None,
         response: Array | None = None,
+        look: bool = False,
     ) -> LoadPath:
-        """See `load_path.follow`; `response` (6 n,): to the load at the beginning, where it is another."""
+        """See `load_path.follow`; `response` (6 n,): to the load at the beginning, where it is another.
+
+        If `look`, with a state beyond its end where one is found: see `load_path.look_beyond`.
+        """
         rest, gravity, compiled = self.rest.displacement, self.geometry.gravity.ravel(), self.contacts.compiled
         if compiled is not None:
-            return compiled.follow((gravity, load), rest, begin, response, (most, tolerance), deadline)
+            return compiled.follow((gravity, load), rest, begin, response, (most, tolerance), deadline, look)
 
         def reach(start: Array, steps: int) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, steps, deadline)
 
         if response is None:
             response = self._response(rest if begin is None else begin.displacement, load)
-        return follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+        path = follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+        return look_beyond(path, partial(self._stands_near, load, deadline), most, tolerance) if look else path
 
     def _stands_near(self, load: Array, deadline: Deadline, factor: float, start: Array) -> PathPoint | None:
         """The state near a displacement (6 n,) under a factor of a load (6 n,), if it is soon found and stands."""

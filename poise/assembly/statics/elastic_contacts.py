@@ -238,13 +238,14 @@ class CompiledElasticContacts:
         response: Array | None,
         limits: tuple[float, float],
         deadline: Deadline,
+        look: bool,
     ) -> LoadPath:
-        """As `load_path.follow`: gravity and the load, at most a factor, with a tolerance of it."""
+        """As `load_path.follow`: gravity and the load, at most a factor, with a tolerance of it; and `look_beyond`."""
         entries = self._entries
         gravity, push = (load[entries] for load in loads)
         start = None if begin is None else (begin.displacement[entries], begin.factor, begin.compliance)
         slope = None if response is None else response[entries]
-        found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining))
+        found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining), look)
         places = np.empty_like(found.displacements)
         places[:, entries] = found.displacements
         numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()

@@ -248,17 +248,19 @@ def go_on(
 def look_beyond(
     path: LoadPath, look: Callable[[float, Array], PathPoint | None], above: float, tolerance: float
 ) -> LoadPath:
-    """A path that ended, or one that has not, with a state under more than its best factor, where one is near it.
+    """A path; where it ended, with a state under more than its best factor if one is near, as one that has not.
 
     Friction allows several states: a path may pass over a peak, or leave states that hold more before its end.
 
     Args:
-        path: that has ended.
+        path: followed.
         look: the state under a factor, if one is found near a displacement (6 n,) that stands.
         above: no more than this is asked.
         tolerance: the state is looked for at a factor that is larger by `_BEYOND` times this share.
     """
     points, at = path.points, max(range(len(path.points)), key=lambda k: path.points[k].factor)
+    if not path.ended or points[at].factor >= above:
+        return path
     best, before = points[at].displacement, points[max(at - 1, 0)].displacement
     after = path.end if at + 1 < len(points) else 2 * best - before
     factor = min((1 + _BEYOND * tolerance) * points[at].factor, above)
