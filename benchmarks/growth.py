@@ -32,11 +32,11 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 Row = dict[str, Any]
 
 
-def _box(name: str, size: tuple[float, float, float], place: tuple[float, float, float]) -> RigidObject:
+def box(name: str, size: tuple[float, float, float], place: tuple[float, float, float]) -> RigidObject:
     return RigidObject(name, Box(size), Pose(np.eye(3), np.array(place)), mass=1000 * size[0] * size[1] * size[2])
 
 
-def _on_floor(boxes: list[RigidObject]) -> Assembly:
+def on_floor(boxes: list[RigidObject]) -> Assembly:
     floor = RigidObject("floor", Box((100.0, 100.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)
     return Assembly((floor, *boxes), GRAVITY, 0.5)
 
@@ -51,8 +51,8 @@ def wall(count: int) -> Assembly:
         ends = [0.1, *[0.2] * (along - 1), 0.1] if row % 2 else [0.2] * along
         lefts = np.cumsum([0.0, *ends[:-1]]) - 0.1 * along
         for left, length in zip(lefts.tolist(), ends, strict=True):
-            boxes.append(_box(f"b{len(boxes)}", (length, 0.1, 0.1), (left + length / 2, 0.0, 0.05 + 0.1 * row)))
-    return _on_floor(boxes[:count])
+            boxes.append(box(f"b{len(boxes)}", (length, 0.1, 0.1), (left + length / 2, 0.0, 0.05 + 0.1 * row)))
+    return on_floor(boxes[:count])
 
 
 def pallet(count: int) -> Assembly:
@@ -66,9 +66,9 @@ def pallet(count: int) -> Assembly:
         for i in range(round(length / x)):
             for j in range(round(width / y)):
                 place = (i + 0.5) * x - length / 2, (j + 0.5) * y - width / 2, 0.1 + 0.2 * layer
-                boxes.append(_box(f"c{len(boxes)}", (x, y, 0.2), place))
+                boxes.append(box(f"c{len(boxes)}", (x, y, 0.2), place))
         layer += 1
-    return _on_floor(boxes[:count])
+    return on_floor(boxes[:count])
 
 
 def shelf(count: int) -> Assembly:
@@ -83,8 +83,8 @@ def shelf(count: int) -> Assembly:
         )
         low = [((i - 2.5) * 0.15, 0.0, base + 0.1) for i in range(6)]
         top = [((i - 1) * 0.3, 0.0, base + 0.25) for i in range(3)]
-        boxes += [_box(f"s{number}_{i}", (0.15, 0.2, 0.2), place) for i, place in enumerate(low)]
-        boxes += [_box(f"s{number}_{6 + i}", (0.25, 0.2, 0.1), place) for i, place in enumerate(top)]
+        boxes += [box(f"s{number}_{i}", (0.15, 0.2, 0.2), place) for i, place in enumerate(low)]
+        boxes += [box(f"s{number}_{6 + i}", (0.25, 0.2, 0.1), place) for i, place in enumerate(top)]
     return Assembly((*boards, *boxes[:count]), GRAVITY, 0.5)
 
 
@@ -94,11 +94,11 @@ def tables(count: int) -> Assembly:
     for number in range(-(-count // 3)):
         x, base = 2.5 * (number // 3 - count // 18), 1.2 * (number % 3)
         boxes += [
-            _box(f"left{number}", (0.2, 1.0, 1.0), (x - 0.9, 0.0, base + 0.5)),
-            _box(f"right{number}", (0.2, 1.0, 1.0), (x + 0.9, 0.0, base + 0.5)),
-            _box(f"slab{number}", (2.0, 1.0, 0.2), (x, 0.0, base + 1.1)),
+            box(f"left{number}", (0.2, 1.0, 1.0), (x - 0.9, 0.0, base + 0.5)),
+            box(f"right{number}", (0.2, 1.0, 1.0), (x + 0.9, 0.0, base + 0.5)),
+            box(f"slab{number}", (2.0, 1.0, 0.2), (x, 0.0, base + 1.1)),
         ]
-    return _on_floor(boxes[: 3 * (-(-count // 3))])
+    return on_floor(boxes[: 3 * (-(-count // 3))])
 
 
 KINDS: dict[str, Callable[[int], Assembly]] = {"wall": wall, "pallet": pallet, "shelf": shelf, "tables": tables}

@@ -7,6 +7,7 @@ import pytest
 from assembly_scenes import box, on_floor
 
 from benchmarks.growth import tables, wall
+from benchmarks.mirrored import pyramid, row, turned
 from poise.assembly import Analysis, Assembly, Box, RigidObject, acceleration_limits, robustness_map
 from poise.assembly.robustness.elastic_limits import ElasticLimits, inertial_loads
 from poise.assembly.statics import NO_DEADLINE, Symmetry
@@ -14,17 +15,6 @@ from poise.assembly.statics.block_solvers import BlockSolvers
 from poise.geometry import Pose, wrench_of_force
 
 COUNT = 24
-
-
-def turned(assembly: Assembly, angle: float) -> Assembly:
-    """The same scene after a turn about the vertical, and a shift."""
-    c, s = np.cos(angle), np.sin(angle)
-    turn, shift = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.array([0.3, -0.2, 0.1])
-    items = [
-        replace(item, pose=Pose(turn @ item.pose.rotation, turn @ item.pose.translation + shift))
-        for item in assembly.objects
-    ]
-    return Assembly(tuple(items), assembly.gravity, assembly.friction)
 
 
 def with_mass(assembly: Assembly, name: str, factor: float) -> Assembly:
@@ -104,10 +94,9 @@ def test_limits_that_are_carried_are_those_asked_one_by_one(scene, monkeypatch):
     np.testing.assert_allclose(found.limits, each.limits, rtol=0.005)
     assert found.from_rest <= 0.6 * each.from_rest
     assert set(found.falls) == set(each.falls)
-    for row, mechanism in found.falls.items():
-        load = found.loads @ found.directions[row]
-        assert mechanism.twist @ load > 0
-        assert set(mechanism.places) & set(each.falls[row].places)
+    for direction, mechanism in found.falls.items():
+        assert mechanism.twist @ (found.loads @ found.directions[direction]) > 0
+        assert set(mechanism.places) & set(each.falls[direction].places)
 
 
 def test_a_symmetry_that_is_none_carries_no_limit(monkeypatch):
@@ -149,8 +138,15 @@ def test_a_mechanism_of_a_map_is_that_of_the_point_itself():
     block, surface = found.analysis.blocks[0], found.surface
     wrenches = block.geometry.units.of_wrench(wrench_of_force(surface.directions, surface.points))
     bodies, checked = block.bodies_of(surface.place), 0
-    for row in np.flatnonzero((found.mechanism >= 0) & np.isfinite(found.upper)).tolist():
-        power = found.mechanisms[found.mechanism[row]].twist.reshape(-1, 6)[bodies[row]] @ wrenches[row]
-        assert 1 / power == pytest.approx(found.upper[row], rel=1e-6)
+    for point in np.flatnonzero((found.mechanism >= 0) & np.isfinite(found.upper)).tolist():
+        power = found.mechanisms[found.mechanism[point]].twist.reshape(-1, 6)[bodies[point]] @ wrenches[point]
+        assert 1 / power == pytest.approx(found.upper[point], rel=1e-6)
         checked += 1
     assert checked > 300
+
+
+def test_the_benchmark_compares_a_pyramid_with_and_without():
+    _, symmetries, limits, crossing, *_ = row("pyramid", pyramid(3)).strip("| ").split(" | ")[0:5]
+    assert symmetries == "3"
+    assert all(abs(float(ratio) - 1) < 0.01 for ratio in limits.split(" to "))
+    assert all(float(each) < 1.05 for each in crossing.split("; "))
