@@ -217,7 +217,7 @@ static void look_beyond(struct following *f) {
   int64_t best = 0, near = 0;
   for (int64_t k = 1; k < path->count; k++) best = path->factors[k] > path->factors[best] ? k : best;
   const double most = path->factors[best], factor = fmin((1.0 + PAST_END * path->tolerance) * most, path->above);
-  if (!path->ended || most >= path->above) return;
+  if (!path->ended || !(most > 0.0 && most < path->above)) return;
   for (int64_t k = 0; k < path->count; k++) near = path->factors[k] <= NEAR_END * most ? k : near;
   const double *at = point_at(f, best), *before = point_at(f, best > 0 ? best - 1 : 0);
   for (int64_t i = 0; i < f->size; i++) f->total[i] = path->gravity[i] + factor * path->push[i];

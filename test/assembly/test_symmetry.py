@@ -99,6 +99,16 @@ def test_limits_that_are_carried_are_those_asked_one_by_one(scene, monkeypatch):
         assert set(mechanism.places) & set(each.falls[direction].places)
 
 
+def test_no_direction_is_asked_for_less_because_its_image_is():
+    """Another block may allow less in one of two directions that are carried into each other."""
+    block, directions = largest(tables(3)), np.array([[1.0, 0.3, 0.0], [-1.0, 0.3, 0.0]])
+    found = ElasticLimits(block, inertial_loads(block), directions, np.full(2, 1e3), NO_DEADLINE).solve().limits
+    for few in (0, 1):
+        most = np.where(np.arange(2) == few, 0.5 * found, 1e3)
+        again = ElasticLimits(block, inertial_loads(block), directions, most, NO_DEADLINE).solve().limits
+        np.testing.assert_allclose(again, np.minimum(found, most), rtol=1e-6)
+
+
 def test_a_symmetry_that_is_none_carries_no_limit(monkeypatch):
     """The mirrored state is no equilibrium: the direction is asked itself."""
     even = largest(wall(10)).solvers.symmetries

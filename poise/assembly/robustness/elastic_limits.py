@@ -87,6 +87,10 @@ class ElasticLimits:
         """Fill in the limits."""
         same, first = _alike(self.directions, np.flatnonzero(self.most > 0))
         images, first = _images(self.directions, first, self._symmetries)
+        asked = self.most
+        self.most = asked.copy()
+        for row, (other, _) in images.items():
+            self.most[other] = max(self.most[other], asked[row])
         level = np.abs(self.directions[first, 2]) <= _LEVEL
         azimuths = np.arctan2(*self.directions[first[level], 1::-1].T) % (2 * np.pi)
         rows = first[level][np.argsort(azimuths)]
@@ -104,6 +108,7 @@ class ElasticLimits:
             self.limits[row], self.known[row] = self.limits[other], self.known[other]
             if other in self.falls:
                 self.falls[row] = self.falls[other]
+        self.limits = np.minimum(self.limits, asked)
         return self
 
     def _carry(self, row: int, other: int, symmetry: Symmetry) -> None:
@@ -113,7 +118,7 @@ class ElasticLimits:
         if state is not None and self.block.solvers.coulomb.held_at(load, state) < (1 - _SAME) * found.value:
             self._note(row, None, self.block.solvers.coulomb.factor(load, most, self.deadline))
             return
-        self.limits[row], self.known[row] = min(self.limits[other], most), self.known[other]
+        self.limits[row], self.known[row] = self.limits[other], self.known[other]
         if other in self.falls:
             self.falls[row] = self.falls[other].image(symmetry)
 

@@ -25,8 +25,8 @@ _DECIDED = 16
 _AT_PEAK, _STEEP = 12, 0.25
 """Points around a peak; before a plateau, where the factor would grow by more than this share, as at the last point."""
 _BEYOND, _NEAR_END = 3, 0.97
-"""Beyond the end of a path a state is looked for at a factor that is larger by so many tolerances; also from the one
-at this share of the best factor."""
+"""Beyond the end of a path a state is looked for at a factor that is larger by so many tolerances; also from the last
+point with no more than this share of the best factor."""
 _SHORTER = 6
 """Times that the first step is taken again, an eighth as long, where it led to collapse."""
 
@@ -259,7 +259,7 @@ def look_beyond(
         tolerance: the state is looked for at a factor that is larger by `_BEYOND` times this share.
     """
     points, at = path.points, max(range(len(path.points)), key=lambda k: path.points[k].factor)
-    if not path.ended or points[at].factor >= above:
+    if not path.ended or not 0 < points[at].factor < above:
         return path
     best, before = points[at].displacement, points[max(at - 1, 0)].displacement
     after = path.end if at + 1 < len(points) else 2 * best - before
