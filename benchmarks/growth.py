@@ -7,7 +7,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +32,11 @@ GRAVITY = np.array([0.0, 0.0, -9.81])
 Row = dict[str, Any]
 
 
-def _box(name: str, size: tuple[float, float, float], place: tuple[float, float, float]) -> RigidObject:
+def box(name: str, size: tuple[float, float, float], place: tuple[float, float, float]) -> RigidObject:
     return RigidObject(name, Box(size), Pose(np.eye(3), np.array(place)), mass=1000 * size[0] * size[1] * size[2])
 
 
-def _on_floor(boxes: list[RigidObject]) -> Assembly:
+def on_floor(boxes: list[RigidObject]) -> Assembly:
     floor = RigidObject("floor", Box((100.0, 100.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)
     return Assembly((floor, *boxes), GRAVITY, 0.5)
 
@@ -51,8 +51,8 @@ def wall(count: int) -> Assembly:
         ends = [0.1, *[0.2] * (along - 1), 0.1] if row % 2 else [0.2] * along
         lefts = np.cumsum([0.0, *ends[:-1]]) - 0.1 * along
         for left, length in zip(lefts.tolist(), ends, strict=True):
-            boxes.append(_box(f"b{len(boxes)}", (length, 0.1, 0.1), (left + length / 2, 0.0, 0.05 + 0.1 * row)))
-    return _on_floor(boxes[:count])
+            boxes.append(box(f"b{len(boxes)}", (length, 0.1, 0.1), (left + length / 2, 0.0, 0.05 + 0.1 * row)))
+    return on_floor(boxes[:count])
 
 
 def pallet(count: int) -> Assembly:
@@ -66,9 +66,9 @@ def pallet(count: int) -> Assembly:
         for i in range(round(length / x)):
             for j in range(round(width / y)):
                 place = (i + 0.5) * x - length / 2, (j + 0.5) * y - width / 2, 0.1 + 0.2 * layer
-                boxes.append(_box(f"c{len(boxes)}", (x, y, 0.2), place))
+                boxes.append(box(f"c{len(boxes)}", (x, y, 0.2), place))
         layer += 1
-    return _on_floor(boxes[:count])
+    return on_floor(boxes[:count])
 
 
 def shelf(count: int) -> Assembly:
@@ -83,8 +83,8 @@ def shelf(count: int) -> Assembly:
         )
         low = [((i - 2.5) * 0.15, 0.0, base + 0.1) for i in range(6)]
         top = [((i - 1) * 0.3, 0.0, base + 0.25) for i in range(3)]
-        boxes += [_box(f"s{number}_{i}", (0.15, 0.2, 0.2), place) for i, place in enumerate(low)]
-        boxes += [_box(f"s{number}_{6 + i}", (0.25, 0.2, 0.1), place) for i, place in enumerate(top)]
+        boxes += [box(f"s{number}_{i}", (0.15, 0.2, 0.2), place) for i, place in enumerate(low)]
+        boxes += [box(f"s{number}_{6 + i}", (0.25, 0.2, 0.1), place) for i, place in enumerate(top)]
     return Assembly((*boards, *boxes[:count]), GRAVITY, 0.5)
 
 
@@ -94,11 +94,11 @@ def tables(count: int) -> Assembly:
     for number in range(-(-count // 3)):
         x, base = 2.5 * (number // 3 - count // 18), 1.2 * (number % 3)
         boxes += [
-            _box(f"left{number}", (0.2, 1.0, 1.0), (x - 0.9, 0.0, base + 0.5)),
-            _box(f"right{number}", (0.2, 1.0, 1.0), (x + 0.9, 0.0, base + 0.5)),
-            _box(f"slab{number}", (2.0, 1.0, 0.2), (x, 0.0, base + 1.1)),
+            box(f"left{number}", (0.2, 1.0, 1.0), (x - 0.9, 0.0, base + 0.5)),
+            box(f"right{number}", (0.2, 1.0, 1.0), (x + 0.9, 0.0, base + 0.5)),
+            box(f"slab{number}", (2.0, 1.0, 0.2), (x, 0.0, base + 1.1)),
         ]
-    return _on_floor(boxes[: 3 * (-(-count // 3))])
+    return on_floor(boxes[: 3 * (-(-count // 3))])
 
 
 KINDS: dict[str, Callable[[int], Assembly]] = {"wall": wall, "pallet": pallet, "shelf": shelf, "tables": tables}
@@ -120,6 +120,7 @@ class Effort:
         points: of a map.
         deadline: s, of each question (wall clock).
         jobs: which of push, limits, map, disassembly.
+        uneven: masses are random, within 20 % of those of the scene, so that nothing is mirrored.
     """
 
     pushes: int = 20
@@ -127,6 +128,7 @@ class Effort:
     points: int = 10_000
     deadline: float = 60.0
     jobs: tuple[str, ...] = ("push", "limits", "map", "disassembly")
+    uneven: bool = False
 
 
 def spent(job: Callable[[], Any]) -> tuple[float, Any]:
@@ -137,6 +139,16 @@ def spent(job: Callable[[], Any]) -> tuple[float, Any]:
     except PoiseError as error:
         found = error
     return 1e3 * (time.process_time() - start), found
+
+
+def uneven(assembly: Assembly, seed: int) -> Assembly:
+    """The same scene with random masses, within 20 %."""
+    factors = np.random.default_rng([seed, 2]).uniform(0.8, 1.2, len(assembly.objects)).tolist()
+    made = [
+        item if item.fixed else replace(item, mass=factor * item.mass)
+        for item, factor in zip(assembly.objects, factors, strict=True)
+    ]
+    return replace(assembly, objects=tuple(made))
 
 
 def random_pushes(analysis: Analysis, count: int, rng: np.random.Generator) -> list[Push]:
@@ -152,7 +164,7 @@ def random_pushes(analysis: Analysis, count: int, rng: np.random.Generator) -> l
 
 def measured(kind: str, count: int, effort: Effort, seed: int) -> Row:
     """One scene: processor times in ms, and whether each answer is whole."""
-    assembly = KINDS[kind](count)
+    assembly = uneven(KINDS[kind](count), seed) if effort.uneven else KINDS[kind](count)
     row: Row = {"scene": f"{kind}{count}"}
     row["ready"], analysis = spent(lambda: Analysis.of(assembly))
     row["stands"], _ = spent(lambda: analysis.stability())
@@ -206,9 +218,10 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--deadline", type=float, default=60.0, help="s, of each question")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--uneven", action="store_true", help="random masses: nothing is mirrored")
     parser.add_argument("--json", type=Path, help="write the figures here")
     given = parser.parse_args()
-    effort = Effort(given.pushes, given.directions, given.points, given.deadline, tuple(given.jobs))
+    effort = Effort(given.pushes, given.directions, given.points, given.deadline, tuple(given.jobs), given.uneven)
     rows = []
     for kind in given.only or KINDS:
         for count in given.sizes or SIZES[kind]:

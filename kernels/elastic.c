@@ -439,6 +439,13 @@ struct reached elastic_reach(struct steps *made, const double *load, const doubl
   return found;
 }
 
+void elastic_settle(struct steps *made, const double *load, double enough, int64_t steps, double end, double *u) {
+  struct aim aim = {.load = load};
+  double left;
+  int64_t taken;
+  newton(&aim, made, enough, steps, end, u, &left, &taken);
+}
+
 int elastic_response(struct steps *made, const double *at, const double *push, double *u) {
   if (at) place_at(made, at);
   const int status = factor_at(made, at ? made->relative : NULL, 0.0);

@@ -31,6 +31,8 @@ double elastic_clock(void);
 /* u (6 n), of which the power of the push (6 n) does not change, becomes an equilibrium; `end` of the clock. */
 struct reached elastic_reach(struct steps *made, const double *load, const double *push, double enough, int64_t steps,
                              double end, double *u);
+/* u (6 n) moves towards the equilibrium under a load, by Newton steps until no more than `enough` is left. */
+void elastic_settle(struct steps *made, const double *load, double enough, int64_t steps, double end, double *u);
 /* u (6 n) becomes the change under a push (6 n) at a displacement; without `at`, where nothing opens or slips. */
 int elastic_response(struct steps *made, const double *at, const double *push, double *u);
 /* What springs and catch leave of a load at u, negated (6 n). */

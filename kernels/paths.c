@@ -9,8 +9,8 @@
 /* As in load_path.py and coulomb.py, where they are explained. */
 static const double FIRST_SHARE = 0.25, FIRST_WEIGHT = 0.25, AFTER_MANY = 2.0, AFTER_FEW = 3.0, SURE = 1.5,
                     LEAST_GROWTH = 1.1, SETTLED = 1e-7, REACHED = 2e-4, CARRIED = 5e-5, LEAST_LOAD = 1e-2,
-                    STEEP = 0.25;
-enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6 };
+                    STEEP = 0.25, NEAR_END = 0.97;
+enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6 };
 
 /* What Python gives and wants. */
 struct path {
@@ -22,6 +22,7 @@ struct path {
   double *displacements, *factors, *compliances; /* (room, 6 n), (room), (room) points, the first at rest */
   int64_t *steps;                                /* (room) */
   double *end;                                   /* (6 n) where it was left */
+  int64_t look;                                  /* whether a state is looked for beyond its end */
   int64_t count, ended;                          /* points; whether it collapsed or reached `above` */
 };
 
@@ -45,7 +46,7 @@ static double dot(const double *a, const double *b, int64_t count) {
   return sum;
 }
 
-/* Room for points is STEPS + AT_PEAK + 2. */
+/* Room for points is STEPS + AT_PEAK + 3. */
 static double *point_at(const struct following *f, int64_t k) { return f->path->displacements + k * f->size; }
 
 /* The share that a part (6 n), times a factor, is of the total on a body, or of its weight; the largest of all. */
@@ -201,6 +202,37 @@ static void go_to_peak(struct following *f) {
   }
 }
 
+/* `CoulombBlock._stands_near`: whether `here` becomes a state that stands under the load `total`. */
+static int stands_near(struct following *f) {
+  const double size = sqrt(dot(f->total, f->total, f->size));
+  elastic_settle(f->made, f->total, SETTLED / 10.0 * (size > 0.0 ? size : 1.0), BRIEF_LOOK, f->until, f->here);
+  elastic_left(f->made, f->here, f->total, f->left);
+  const double left = share_of(f, f->left, 1.0);
+  return left <= CARRIED / 2.0 && left + share_of(f, f->here, f->catch) <= CARRIED;
+}
+
+/* `look_beyond`: a state under more than the best factor, near where the path ended. */
+static void look_beyond(struct following *f) {
+  const struct path *path = f->path;
+  int64_t best = 0, near = 0;
+  for (int64_t k = 1; k < path->count; k++) best = path->factors[k] > path->factors[best] ? k : best;
+  const double most = path->factors[best], factor = fmin((1.0 + PAST_END * path->tolerance) * most, path->above);
+  if (!path->ended || !(most > 0.0 && most < path->above)) return;
+  for (int64_t k = 0; k < path->count; k++) near = path->factors[k] <= NEAR_END * most ? k : near;
+  const double *at = point_at(f, best), *before = point_at(f, best > 0 ? best - 1 : 0);
+  for (int64_t i = 0; i < f->size; i++) f->total[i] = path->gravity[i] + factor * path->push[i];
+  for (int start = 0; start < 3; start++) {
+    for (int64_t i = 0; i < f->size; i++) {
+      const double on = 2.0 * at[i] - before[i], after = best + 1 < path->count ? path->end[i] : on;
+      f->here[i] = start == 0 ? on : start == 1 ? 2.0 * after - at[i] : point_at(f, near)[i];
+    }
+    if (!stands_near(f)) continue;
+    insert(f, path->count, f->here, &(struct point){.factor = factor, .held = 1});
+    leave(f, f->here, factor >= path->above);
+    return;
+  }
+}
+
 /* The slope at the beginning, per power of the push; and the power that the response has. */
 static int begin_slope(struct following *f, const double *at, double *compliance) {
   const struct path *path = f->path;
@@ -240,6 +272,7 @@ static int follow(struct following *f) {
   else
     go_along(f, 0.0, compliance * first, AFTER_FEW);
   go_to_peak(f);
+  if (path->look) look_beyond(f);
   return POISE_OK;
 }
 

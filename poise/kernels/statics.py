@@ -13,8 +13,8 @@ from poise.types import Array
 
 _INT, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 _BODIES = ("sides", "starts", "rows", "place")
-_POINTS = 54
-"""Of a path, at most: STEPS + AT_PEAK + 2 in kernels/paths.c."""
+_POINTS = 55
+"""Of a path, at most: STEPS + AT_PEAK + 3 in kernels/paths.c."""
 
 Whole = NDArray[np.int64]
 
@@ -46,7 +46,7 @@ class _Path(ctypes.Structure):
         *((name, _POINTER) for name in ("gravity", "push", "rest", "begin", "response")),
         *((name, _DOUBLE) for name in ("factor", "compliance", "above", "tolerance", "time")),
         *((name, _POINTER) for name in ("displacements", "factors", "compliances", "steps", "end")),
-        *((name, _INT) for name in ("count", "ended")),
+        *((name, _INT) for name in ("look", "count", "ended")),
     ]
 
 
@@ -173,6 +173,7 @@ class CompiledElastic:
         begin: tuple[Array, float, float] | None,
         response: Array | None,
         limits: tuple[float, float, float | None],
+        look: bool,
     ) -> CompiledPath:
         """The path of a growing push, as `poise.assembly.statics.load_path.follow`.
 
@@ -182,6 +183,7 @@ class CompiledElastic:
             begin: (6 n,) displacement, factor and compliance of the equilibrium to begin at; None: at rest.
             response: (6 n,) change at the beginning under a small push; None: it is found.
             limits: no more than this factor is asked; tolerance of it; s until the deadline, None: there is none.
+            look: for a state beyond the end.
 
         Raises:
             numpy.linalg.LinAlgError: the stiffness is singular.
@@ -192,7 +194,9 @@ class CompiledElastic:
         above, tolerance, remaining = limits
         given = (*loads, rest, at, response)
         numbers = factor, compliance, above, tolerance, -1.0 if remaining is None else remaining
-        path = _Path(*map(address, given), *numbers, *map(address, (points, factors, compliances, steps, end)), 0, 0)
+        path = _Path(
+            *map(address, given), *numbers, *map(address, (points, factors, compliances, steps, end)), look, 0, 0
+        )
         check(library.poise_elastic_follow(self._pointer, ctypes.addressof(path)))
         kept = slice(path.count)
         return CompiledPath(points[kept], factors[kept], compliances[kept], steps[kept], end, bool(path.ended))

@@ -87,7 +87,7 @@ def test_limits_that_begin_beside_others_are_those_followed_from_rest(scene):
 def test_a_deadline_leaves_limits_all_around():
     block = Analysis.of(wall(24)).blocks[0]
     block.solvers.standing()
-    clock = _Questions(NO_DEADLINE.at, [150])
+    clock = _Questions(NO_DEADLINE.at, [60])
     most = np.full(COUNT, 1000.0)
     found = ElasticLimits(block, inertial_loads(block), around(COUNT), most, clock, patches=False).solve()
     assert 4 <= found.known.sum() < COUNT

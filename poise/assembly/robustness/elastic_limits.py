@@ -3,6 +3,7 @@
 What contact forces within friction cones hold is a convex set of accelerations. Elastic contacts hold a part of it that
 is convex, too, as far as measured (benchmarks/level_limits.py). So few directions around the level plane are followed
 from rest; the others begin at states between those of their neighbours, which is often one equilibrium at collapse.
+Of directions that symmetries of the block carry into each other one is asked; its state is carried on, and checked.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from poise.assembly.statics import (
     ElasticFactor,
     InverseLoadFactor,
     Mechanism,
+    Symmetry,
 )
 from poise.geometry import cross
 from poise.types import Array, Indices, Mask
@@ -35,6 +37,8 @@ _COARSE = np.pi / 4 - 1e-6
 _MENDED = 3
 """Times that all limits are looked through for those below what convexity says."""
 _LEVEL = 1e-12
+_SAME = 1e-8
+"""Entries of directions, azimuths in rad and shares of factors that differ by less are equal."""
 
 
 @dataclass(eq=False)
@@ -70,20 +74,27 @@ class ElasticLimits:
     _states: dict[float, ElasticFactor] = field(default_factory=dict)
     _cuts: list[Array] = field(default_factory=list)
     _whole: set[int] = field(default_factory=set)
+    _found: dict[int, ElasticFactor] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.limits = np.zeros(len(self.directions))
         self.known = np.ones(len(self.directions), dtype=bool)
         large = self.block.geometry.count > _LARGE
         self._nearly, self._close = (_NEARLY, _CLOSE) if large else (FACTOR_TOLERANCE, FACTOR_TOLERANCE)
+        self._symmetries = tuple(one for one in self.block.solvers.symmetries if one.carries(self.loads))
 
     def solve(self) -> "ElasticLimits":
         """Fill in the limits."""
         same, first = _alike(self.directions, np.flatnonzero(self.most > 0))
+        images, first = _images(self.directions, first, self._symmetries)
+        asked = self.most
+        self.most = asked.copy()
+        for row, (other, _) in images.items():
+            self.most[other] = max(self.most[other], asked[row])
         level = np.abs(self.directions[first, 2]) <= _LEVEL
         azimuths = np.arctan2(*self.directions[first[level], 1::-1].T) % (2 * np.pi)
         rows = first[level][np.argsort(azimuths)]
-        around = len(rows) > _FEW and self.block.geometry.count > _SMALL
+        around = len(rows) * (len(self._symmetries) + 1) > _FEW and self.block.geometry.count > _SMALL
         for row in (first[~level] if around else first).tolist():
             self.from_rest += 1
             self._note(
@@ -91,11 +102,25 @@ class ElasticLimits:
             )
         if around:
             self._solve_around(rows, np.sort(azimuths).tolist())
+        for row, (other, symmetry) in images.items():
+            self._carry(row, other, symmetry)
         for row, other in same.items():
             self.limits[row], self.known[row] = self.limits[other], self.known[other]
             if other in self.falls:
                 self.falls[row] = self.falls[other]
+        self.limits = np.minimum(self.limits, asked)
         return self
+
+    def _carry(self, row: int, other: int, symmetry: Symmetry) -> None:
+        """Take the limit of a direction from one that a symmetry carries into it, if its state is an equilibrium."""
+        found, load, most = self._found[other], self._load(row), float(self.most[row])
+        state = None if found.displacement is None else symmetry.of_bodies(found.displacement)
+        if state is not None and self.block.solvers.coulomb.held_at(load, state) < (1 - _SAME) * found.value:
+            self._note(row, None, self.block.solvers.coulomb.factor(load, most, self.deadline))
+            return
+        self.limits[row], self.known[row] = self.limits[other], self.known[other]
+        if other in self.falls:
+            self.falls[row] = self.falls[other].image(symmetry)
 
     def _solve_around(self, rows: Indices, azimuths: Sequence[float]) -> None:
         """The limits in many directions of the level plane, ascending by azimuth."""
@@ -151,7 +176,8 @@ class ElasticLimits:
         load = self._load(row)
         if not (np.isfinite(enough) or self.deadline.passed):
             self._whole.add(row)
-            self._cuts.append(self.block.solvers.limit.inverse_factor(load).twist)
+            cut = self.block.solvers.limit.inverse_factor(load).twist
+            self._cuts += [cut, *(symmetry.of_bodies(cut) for symmetry in self._symmetries)]
         enough = min(enough, (1 - self._nearly) * self._upper(row))
         return self.block.solvers.coulomb.factor(load, float(self.most[row]), self.deadline, enough)
 
@@ -173,13 +199,16 @@ class ElasticLimits:
     def _note(self, row: int, azimuth: float | None, found: ElasticFactor) -> None:
         """Keep what elastic contacts hold in a direction, as far as patches hold it, too."""
         load = self._load(row)
-        self.limits[row], self.known[row] = found.value, found.known
+        self.limits[row], self.known[row], self._found[row] = found.value, found.known, found
         self.falls.pop(row, None)
         if azimuth is not None and found.known:
             self._elastic.add(azimuth, found.value)
             if found.earlier is None and (chord := self._elastic.chord(azimuth)) is not None:
                 found = replace(found, earlier=self._mixed(chord, True))
             self._states[azimuth] = found
+            for symmetry, image in self._azimuths(azimuth):
+                self._elastic.add(image, found.value)
+                self._states[image] = _image(found, symmetry)
         twist = found.twist
         if twist is None and found.displacement is not None and found.value < self.most[row]:
             twist = self.block.solvers.coulomb.motion(found.displacement, load)
@@ -202,7 +231,18 @@ class ElasticLimits:
 
     def _keep_patch(self, azimuth: float | None, patch: InverseLoadFactor) -> None:
         if azimuth is not None and patch.upper > 0 and np.isfinite(patch.upper):
-            self._patches.add(azimuth, 1 / patch.upper)
+            for one in (azimuth, *(image for _, image in self._azimuths(azimuth))):
+                self._patches.add(one, 1 / patch.upper)
+
+    def _azimuths(self, azimuth: float) -> Iterator[tuple[Symmetry, float]]:
+        """The other azimuths into which symmetries carry one."""
+        known = [azimuth]
+        for symmetry in self._symmetries:
+            x, y, _ = symmetry.vectors(np.array([np.cos(azimuth), np.sin(azimuth), 0.0])).tolist()
+            image = float(np.arctan2(y, x) % (2 * np.pi))
+            if all(abs(np.sin((image - one) / 2)) > _SAME for one in known):
+                known.append(image)
+                yield symmetry, image
 
     def _load(self, row: int) -> Array:
         return np.asarray(self.loads @ self.directions[row])
@@ -224,6 +264,34 @@ def inertial_loads(block: BlockAnalysis) -> Array:
     loads = np.zeros((len(members), 3, 6))
     np.add.at(loads, np.repeat(np.arange(len(members)), [len(group) for group in members]), wrenches)
     return np.asarray(block.geometry.units.of_wrench(loads).transpose(1, 0, 2).reshape(3, -1).T)
+
+
+def _image(found: ElasticFactor, symmetry: Symmetry) -> ElasticFactor:
+    """What a symmetry makes of a state."""
+    states = (None if state is None else symmetry.of_bodies(state) for state in (found.displacement, found.earlier))
+    return ElasticFactor(found.value, found.known, None, *states)
+
+
+def _images(
+    directions: Array, rows: Indices, symmetries: Sequence[Symmetry]
+) -> tuple[dict[int, tuple[int, Symmetry]], Indices]:
+    """Rows into whose directions a symmetry carries that of another row, with both; and the rows that are left.
+
+    Of directions that are carried into each other the one is left that reaches farthest along x, then y, then z.
+    """
+    given = directions[rows]
+    orbits = np.round([given, *(symmetry.vectors(given) for symmetry in symmetries)], 8) + 0.0
+    farthest = [max(map(tuple, orbit)) for orbit in orbits.swapaxes(0, 1).tolist()]
+    left: dict[tuple[float, ...], int] = {}
+    for k in np.lexsort(-orbits[0].T[::-1]).tolist():
+        left.setdefault(farthest[k], k)
+    images = {}
+    for k, orbit in enumerate(farthest):
+        for symmetry in symmetries if left[orbit] != k else ():
+            if np.abs(symmetry.vectors(given[left[orbit]]) - given[k]).max() <= _SAME:
+                images[int(rows[k])] = int(rows[left[orbit]]), symmetry
+                break
+    return images, np.array([row for row in rows.tolist() if row not in images], dtype=np.int64)
 
 
 def _far_apart(azimuths: Sequence[float]) -> Iterator[int]:

@@ -13,6 +13,10 @@ from poise.types import Array, Indices, Mask
 _FLAT_QUESTIONS, _CURVED_QUESTIONS = 10, 48
 """Points of one face, and of what is curved of one body, that elastic contacts are asked about at most."""
 
+_FEW_POINTS = 100
+"""Where symmetries carried faces into one that have no more points each, as many are asked as without. These are a good
+part of them, and what is asked is certain; of many points, they would be few."""
+
 
 @dataclass(frozen=True)
 class _Ration(Deadline):
@@ -49,9 +53,11 @@ class _ElasticPool(Pool):
         self._shares, self._least = dict[tuple[float, ...], float](), 1.0
         self._unknown: list[Array] = []  # (6,) wrenches of which more may be held than was found
 
-    def begin(self, flat: bool) -> None:
+    def begin(self, flat: bool, region: Region) -> None:
         self._shares, self._least, self._unknown = {}, 1.0, []
-        self.deadline = _Ration(self._clock.at, [_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS])
+        images = len(np.unique(region.folded))
+        times = images if len(region.rows) <= images * _FEW_POINTS else 1
+        self.deadline = _Ration(self._clock.at, [times * (_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS)])
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""

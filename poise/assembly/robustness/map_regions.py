@@ -1,6 +1,5 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -9,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness.convexity import upper_planes
+from poise.assembly.robustness.folded_pushes import FoldedPushes
 from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor, Mechanism
 from poise.geometry import plane_axes, wrench_of_force
 from poise.types import Array, Indices, Mask
@@ -25,13 +25,6 @@ ROW_CHUNK = 20_000
 def chunks(count: int) -> Iterator[slice]:
     """Slices of at most `ROW_CHUNK` rows that cover `count` rows."""
     return (slice(start, min(start + ROW_CHUNK, count)) for start in range(0, count, ROW_CHUNK))
-
-
-def group_rows(key: Array) -> Indices:
-    """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
-    # One number for each row of the key: far faster to sort than rows.
-    weights = np.array([1.0, math.e, math.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
-    return np.unique(np.round(key @ weights, 6), return_inverse=True)[1].ravel()
 
 
 @dataclass(eq=False)
@@ -104,6 +97,7 @@ class Pool:
     answers: dict[tuple[int, bytes], Programs] = field(default_factory=dict)
     twists: list[Array] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
+    _images: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block; its mechanisms join the pool."""
@@ -129,13 +123,24 @@ class Pool:
         load[6 * body : 6 * body + 6] = wrench
         return load
 
-    def begin(self, flat: bool) -> None:
+    def begin(self, flat: bool, region: "Region") -> None:
         """Called before a flat or curved region is bounded."""
 
     def take(self, region: "Region") -> None:
         """Keep the bounds of a region for the map."""
         upper = np.maximum(region.upper, region.lower)
-        self.bounds.raise_to(region.rows, region.lower, upper, self.number, region.mechanism)
+        self.bounds.raise_to(region.rows, region.lower, upper, self.number, self._carried_back(region))
+
+    def _carried_back(self, region: "Region") -> Indices:
+        """(n,) number of the mechanism that bounds each point, where the region has those of its image."""
+        mechanisms, found = self.bounds.mechanisms, region.mechanism.copy()
+        pairs = {*zip(found.tolist(), region.folded.tolist(), strict=True)}
+        for number, which in sorted(pair for pair in pairs if min(pair) >= 0):
+            if (number, which) not in self._images:
+                self._images[number, which] = len(mechanisms)
+                mechanisms.append(mechanisms[number].image(self.block.solvers.symmetries[which].inverse))
+            found[(region.mechanism == number) & (region.folded == which)] = self._images[number, which]
+        return found
 
     def _keep(self, twist: Array) -> None:
         self.bounds.solves += 1
@@ -172,12 +177,14 @@ class Region:
         body: of the block.
         rows: (n,) numbers of the points.
         wrenches: (n, 6) of unit pushes, in the block's units.
+        folded: (n,) number of the symmetry of the block that carried each push here; -1: none did.
     """
 
     pool: Pool
     body: int
     rows: Indices
     wrenches: Array
+    folded: Indices
 
     def __post_init__(self) -> None:
         self._seen = 0
@@ -186,6 +193,11 @@ class Region:
         self.mechanism = np.full(len(self.rows), -1)
         self.solved = np.zeros(len(self.rows), dtype=bool)
         self.values = np.zeros(len(self.rows))
+
+    @classmethod
+    def of(cls, pool: Pool, pushes: FoldedPushes, rows: Indices, part: Indices) -> "Region":
+        """Some of the pushes (part), on one body; `rows` are the numbers of all."""
+        return cls(pool, int(pushes.body[part[0]]), rows[part], pushes.wrenches[part], pushes.folded[part])
 
     def learn(self) -> None:
         """Raise the lower bounds by the mechanisms that joined the pool since."""
@@ -312,14 +324,6 @@ def _between(region: Region, values: Array, rest: Array) -> None:
         region.upper[part] = np.minimum(region.upper[part], bound)
 
 
-def _split(body: Indices, surface: SurfacePoints, rows: Indices, length: float) -> list[Indices]:
-    """The rows (positions in `rows`) in groups of one body, one direction of push and one plane."""
-    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / length
-    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
-    group = group_rows(key)
-    return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
-
-
 def bound_block(
     pool: Pool, surface: SurfacePoints, rows: Indices, wrenches: Array, tolerance: float, floor: float
 ) -> bool:
@@ -333,26 +337,21 @@ def bound_block(
     if pool.deadline.passed:
         pool.bounds.give_up(rows)
         return False
-    geometry = pool.block.geometry
-    body = pool.block.bodies_of(surface.place[rows])
-    scaled = geometry.units.of_wrench(wrenches[rows])
-    groups = _split(body, surface, rows, geometry.units.length)
+    units, pushes = pool.block.geometry.units, FoldedPushes.of(pool.block, surface, rows, wrenches)
     complete, curved = True, np.zeros(len(rows), dtype=bool)
-    for part in groups:
+    for part in pushes.split(units.length):
         if len(part) < _FLAT:
             curved[part] = True
             continue
-        pool.begin(flat=True)
-        region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
-        direction = surface.directions[rows[part[0]]]
-        plane, corners, places = _rectangle(surface.points[rows[part]], direction)
-        corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
+        region, direction = Region.of(pool, pushes, rows, part), pushes.directions[part[0]]
+        pool.begin(True, region)
+        plane, corners, places = _rectangle(pushes.points[part], direction)
+        corner_wrenches = units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         pool.take(region)
-    for number in np.unique(body[curved]):
-        part = np.flatnonzero(curved & (body == number))
-        pool.begin(flat=False)
-        region = Region(pool, int(number), rows[part], scaled[part])
+    for number in np.unique(pushes.body[curved]):
+        region = Region.of(pool, pushes, rows, np.flatnonzero(curved & (pushes.body == number)))
+        pool.begin(False, region)
         complete &= bound_curved(region, tolerance, floor)
         pool.take(region)
     return complete

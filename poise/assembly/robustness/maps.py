@@ -62,7 +62,7 @@ class RobustnessMap:
         """Ids of what moves first when one point is pushed at its upper bound."""
         objects = self.analysis.assembly.objects
         if self.mechanism[point] >= 0:
-            places = tuple(self.mechanisms[self.mechanism[point]].velocities)
+            places = tuple(self.mechanisms[self.mechanism[point]].places)
         elif self.block[point] >= 0:
             places = self.analysis.blocks[self.block[point]].block.members[0]
         else:

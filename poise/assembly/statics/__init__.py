@@ -5,7 +5,7 @@
 - `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`,
   `elastic_contacts`: elastic contacts.
 - `pushes`: loads. `analysis`: an assembly prepared for many queries. `changes`: updates after a change of the assembly.
-- `rolling`: what stands, but can roll.
+- `rolling`: what stands, but can roll. `symmetry`: what carries a block into itself.
 """
 
 from poise.assembly.statics.analysis import (
@@ -26,6 +26,7 @@ from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor
 from poise.assembly.statics.pushes import Loads, Push, loads_of, surface_distance
 from poise.assembly.statics.rolling import ROLLING_TOGETHER, Rolling, rolling, too_many_to_roll
 from poise.assembly.statics.single_patch import hull_edges
+from poise.assembly.statics.symmetry import Symmetry
 
 __all__ = [
     "FACTOR_TOLERANCE",
@@ -44,6 +45,7 @@ __all__ = [
     "Push",
     "Rolling",
     "Stability",
+    "Symmetry",
     "analysis_after",
     "begin_near",
     "block_geometry",

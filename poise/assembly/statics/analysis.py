@@ -13,6 +13,7 @@ from poise.assembly.statics.block_solvers import BlockKey, BlockSolvers
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.pushes import Loads
 from poise.assembly.statics.single_patch import SinglePatch
+from poise.assembly.statics.symmetry import Symmetry
 from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import cross
 from poise.types import Array, Indices
@@ -88,16 +89,26 @@ class Mechanism:
         """(6 n,) in the block's units."""
         return self._twist
 
+    def image(self, symmetry: Symmetry) -> "Mechanism":
+        """The mechanism that a symmetry of its block carries it into."""
+        return Mechanism(self.block, symmetry.of_bodies(self.twist), self._still)
+
+    def _moving(self) -> list[tuple[int, int]]:
+        """Bodies of the block that move, and each object that moves with them."""
+        speeds, groups = np.abs(self.twist.reshape(-1, 6)).max(axis=1), self.block.block.members
+        bodies = np.flatnonzero(speeds > self._still * speeds.max()).tolist()
+        return [(body, place) for body in bodies for place in groups[body]]
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Objects that move, by their places in `Assembly.objects`."""
+        return tuple(place for _, place in self._moving())
+
     @cached_property
     def velocities(self) -> dict[int, Array]:
         """For each object that moves, its place in `Assembly.objects`: (6,) velocity of its com, angular velocity."""
-        twists = self.twist.reshape(-1, 6)
-        speeds = np.abs(twists).max(axis=1)
-        velocities = self.block.geometry.units.velocity(twists)
-        objects, groups = self.block.structure.assembly.objects, self.block.block.members
-        moving = [
-            (body, place) for body in np.flatnonzero(speeds > self._still * speeds.max()) for place in groups[body]
-        ]
+        velocities = self.block.geometry.units.velocity(self.twist.reshape(-1, 6))
+        objects, moving = self.block.structure.assembly.objects, self._moving()
         rows = velocities[[body for body, _ in moving]]
         # v + omega x com, for all at once
         com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)

@@ -16,6 +16,7 @@ from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
 from poise.assembly.statics.single_patch import SinglePatch
 from poise.assembly.statics.solvers import SOLVER_TOLERANCE
+from poise.assembly.statics.symmetry import Symmetry, symmetries
 from poise.types import Array
 
 _FEW, _ROUGH = 8, 1e-6
@@ -101,6 +102,13 @@ class BlockSolvers:
     @cached_property
     def coulomb(self) -> CoulombBlock:
         return CoulombBlock(self.geometry, self.interfaces, self.order)
+
+    @cached_property
+    def symmetries(self) -> tuple[Symmetry, ...]:
+        """What carries the block into itself, apart from the identity; not looked for where answers are fast anyway."""
+        if self.geometry.statically_determinate:
+            return ()
+        return symmetries(self.geometry, self.coulomb.contacts)
 
     @cached_property
     def balance(self) -> Standing:

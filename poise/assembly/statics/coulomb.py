@@ -7,7 +7,7 @@ nothing presses the walls to the cube. Here normal forces arise only where bodie
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.assembly.statics.elimination import Elimination
-from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on
+from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
 from poise.assembly.statics.newton_goal import Goal
 from poise.types import Array, Mask
 
@@ -36,6 +36,8 @@ _NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
 """There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
 _LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
 """The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
+_BRIEF_LOOK = 6
+"""Newton steps to a state that may stand beyond the end of a path."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 _NEAR_STEPS, _NEAR_EARLIER = 15, 25
@@ -183,11 +185,11 @@ class CoulombBlock:
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
         most = min(above, expected)
-        path = self._follow(load, most, deadline, tolerance)
+        path = self._follow(load, most, deadline, tolerance, look=True)
         if len(path.points) == 1 and not deadline.passed:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
             # everything far; what contacts that stick would yield leads to where some stick again.
-            path = self._follow(load, most, deadline, tolerance, response=self._glued(load))
+            path = self._follow(load, most, deadline, tolerance, response=self._glued(load), look=True)
         if not path.ended and len(path.points) > 1:
             path = self._go_on(path, load, most, tolerance, deadline)
         best = path.best
@@ -206,18 +208,28 @@ class CoulombBlock:
         tolerance: float,
         begin: PathPoint | None = None,
         response: Array | None = None,
+        look: bool = False,
     ) -> LoadPath:
-        """See `load_path.follow`; `response` (6 n,): to the load at the beginning, where it is another."""
+        """See `load_path.follow`; `response` (6 n,): to the load at the beginning, where it is another.
+
+        If `look`, with a state beyond its end where one is found: see `load_path.look_beyond`.
+        """
         rest, gravity, compiled = self.rest.displacement, self.geometry.gravity.ravel(), self.contacts.compiled
         if compiled is not None:
-            return compiled.follow((gravity, load), rest, begin, response, (most, tolerance), deadline)
+            return compiled.follow((gravity, load), rest, begin, response, (most, tolerance), deadline, look)
 
         def reach(start: Array, steps: int) -> PathPoint | None:
             return None if deadline.passed else self._reach(load, start, steps, deadline)
 
         if response is None:
             response = self._response(rest if begin is None else begin.displacement, load)
-        return follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+        path = follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+        return look_beyond(path, partial(self._stands_near, load, deadline), most, tolerance) if look else path
+
+    def _stands_near(self, load: Array, deadline: Deadline, factor: float, start: Array) -> PathPoint | None:
+        """The state near a displacement (6 n,) under a factor of a load (6 n,), if it is soon found and stands."""
+        state = self._newton(self.geometry.gravity.ravel() + factor * load, start, deadline, _BRIEF_LOOK)
+        return PathPoint(state.displacement, factor) if state.settled and state.stands else None
 
     def _go_on(self, path: LoadPath, load: Array, most: float, tolerance: float, deadline: Deadline) -> LoadPath:
         """The path on from where Newton steps found no next point of it."""
@@ -264,6 +276,11 @@ class CoulombBlock:
                 return ElasticFactor(min(best.factor, most), True, self._response(path.end, load), *ways)
         return None
 
+    def held_at(self, load: Array, displacement: Array) -> float:
+        """The factor of a load (6 n,) at which a displacement (6 n,) is an equilibrium; 0 where it is none."""
+        here = self._reach(load, displacement, 0, NO_DEADLINE)
+        return here.factor if here is not None and here.held else 0.0
+
     def motion(self, displacement: Array, load: Array) -> Array:
         """(6 n,) the motion that a small load (6 n,) causes at a displacement (6 n,): near collapse, the mechanism."""
         return self._response(displacement, load)
@@ -305,9 +322,9 @@ class CoulombBlock:
         unbalanced = left + self._share(self.contacts.catch * u, load)
         return ElasticState(unbalanced <= _CARRIED, unbalanced, u, left <= _CARRIED / 2)
 
-    def _newton(self, load: Array, start: Array, deadline: Deadline) -> ElasticState:
+    def _newton(self, load: Array, start: Array, deadline: Deadline, steps: int = _STEPS) -> ElasticState:
         """The state in which contacts, slipping as Coulomb says, carry a load; not settled when stuck on the way."""
-        found = self._state(load, self._descend(load, start, None, _STEPS, deadline))
+        found = self._state(load, self._descend(load, start, None, steps, deadline))
         return found if found.settled else replace(found, known=not deadline.passed)
 
     def _tresca(self, load: Array, bounds: Array, start: Array, deadline: Deadline) -> Array:

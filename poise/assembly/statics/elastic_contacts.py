@@ -80,7 +80,7 @@ class ElasticContacts:
         # The ground is one more body, whose motion and forces are dropped.
         self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
         self._stiffness_of_bodies = BodyStiffness(self.sides, self.count)
-        self._wrenches = points.wrenches
+        self.wrenches = points.wrenches
         self._lay_out(points.wrenches)
 
     def _lay_out(self, wrenches: Array) -> None:
@@ -104,7 +104,7 @@ class ElasticContacts:
         """The same in compiled form; None where the kernels are not installed."""
         if not COMPILED:
             return None
-        return CompiledElasticContacts(self, self._wrenches, self._order or Elimination.of(self.sides, self.count))
+        return CompiledElasticContacts(self, self.wrenches, self._order or Elimination.of(self.sides, self.count))
 
     @cached_property
     def glued(self) -> Stiffness:
@@ -238,13 +238,14 @@ class CompiledElasticContacts:
         response: Array | None,
         limits: tuple[float, float],
         deadline: Deadline,
+        look: bool,
     ) -> LoadPath:
-        """As `load_path.follow`: gravity and the load, at most a factor, with a tolerance of it."""
+        """As `load_path.follow`: gravity and the load, at most a factor, with a tolerance of it; and `look_beyond`."""
         entries = self._entries
         gravity, push = (load[entries] for load in loads)
         start = None if begin is None else (begin.displacement[entries], begin.factor, begin.compliance)
         slope = None if response is None else response[entries]
-        found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining))
+        found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining), look)
         places = np.empty_like(found.displacements)
         places[:, entries] = found.displacements
         numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()

@@ -14,6 +14,8 @@ _QUADRATURE = 500
 # Grid of the table of normal forces needed: azimuth of the force, and elevation of the moment above it.
 _TABLE = 33
 _CORNER_COLUMNS, _CORNER_ROWS = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+_ALIKE = 1e-8
+"""Lengths and areas that differ by less, relative to a patch, are equal."""
 _FEW = 64
 """Questions up to which the table is filled only where they are."""
 
@@ -23,7 +25,7 @@ class Cells:
     """A patch as a few cells, each sliding as a whole and turning as a ring.
 
     A motion with velocity v at a cell and turning rate w costs weights[k] * |(v, spins[k] w)| there: together the
-    cells follow the limit surface of uniform pressure to about 2 %, and pure turning exactly.
+    cells follow the limit surface of uniform pressure to 2 or 3 %, and pure turning exactly.
 
     Args:
         weights: (M,) shares of the normal force, sum 1.
@@ -46,10 +48,12 @@ class FrictionSurface:
     Args:
         points: (P, 2) from the centroid.
         weights: (P,) share of the area of each, sum 1.
+        sides: (2, 2) vectors along the longer and the shorter sides of a rectangle; None: another shape.
     """
 
     points: Array
     weights: Array
+    sides: Array | None = None
 
     @cached_property
     def radius(self) -> float:
@@ -70,24 +74,39 @@ class FrictionSurface:
     def _motions(self) -> Array:
         """(D, 3) motions (v, w * radius) of unit dissipation, all around."""
         lift, turn = np.meshgrid(np.pi / 2 * np.arange(24) / 24, 2 * np.pi * np.arange(48) / 48, indexing="ij")
-        half = np.stack([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)], axis=2).reshape(-1, 3)
-        half = np.vstack([half, [0.0, 0.0, 1.0]])
-        half /= self.dissipation(half[:, :2], half[:, 2] / self.radius)[:, None]
+        half = np.stack([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)], axis=2)
+        first, like = self._azimuths(48)
+        some = np.vstack([half[:, first].reshape(-1, 3), [0.0, 0.0, 1.0]])
+        speeds = self.dissipation(some[:, :2], some[:, 2] / self.radius)
+        half = half / speeds[:-1].reshape(24, -1)[:, like, None]
+        half = np.vstack([half.reshape(-1, 3), [0.0, 0.0, 1.0 / speeds[-1]]])
         return np.concatenate([half, -half])
+
+    def _azimuths(self, count: int) -> tuple[Indices, Indices]:
+        """Which of `count` azimuths around have to be asked, and (count,) the number of one of these that each is like.
+
+        A rectangle along the axes is mirrored by both.
+        """
+        every = np.arange(count)
+        if self.sides is None or np.abs(self.sides).min(axis=1).max() > _ALIKE:
+            return every, every
+        half = np.minimum(every, count - every)
+        return every[: count // 4 + 1], np.minimum(half, count // 2 - half)
 
     @cached_property
     def _table(self) -> Array:
         """(_TABLE, _TABLE) normal force needed for unit vectors (f, moment / radius), by azimuth and by elevation."""
-        azimuth = np.linspace(0, 2 * np.pi, _TABLE)[:, None]
+        first, like = self._azimuths(_TABLE - 1)
+        azimuth = np.linspace(0, 2 * np.pi, _TABLE)[first, None]
         lift = np.linspace(0, np.pi / 2, _TABLE)
         motions = self._motions[: len(self._motions) // 2]  # the others are their opposites
         flat = np.concatenate([np.cos(azimuth), np.sin(azimuth)], axis=1) @ motions[:, :2].T
-        table, sums = np.empty((_TABLE, _TABLE)), np.empty_like(flat)
+        table, sums = np.empty((len(first), _TABLE)), np.empty_like(flat)
         for column, angle in enumerate(lift.tolist()):
             np.multiply(flat, math.cos(angle), out=sums)
             sums += math.sin(angle) * motions[:, 2]
             table[:, column] = np.maximum(sums.max(axis=1), -sums.min(axis=1))
-        return table
+        return np.asarray(table[np.append(like, like[0])])
 
     def _known(self, column: Indices, row: Indices) -> Array:
         """`_table`, of which a few questions fill in only the corners of the cells (...) that they are in."""
@@ -156,11 +175,12 @@ class FrictionSurface:
         return {}
 
     def _split(self, compact: float) -> Cells:
+        if self.sides is not None:
+            return self._split_rectangle(self.sides, compact)
         _, axes = np.linalg.eigh((self.points * self.weights[:, None]).T @ self.points)
         along = self.points @ axes[:, ::-1]
         sides = np.ptp(along, axis=0)
-        aspect = np.sqrt(max(sides[0], 1e-12) / max(sides[1], 1e-3 * sides[0], 1e-12))
-        counts = np.ones(2) if aspect**2 < compact else np.clip(np.round([2 * aspect, 2 / aspect + 0.2]), 1, 5)
+        counts = _cell_counts(sides, compact)
         grid = np.floor((along - along.min(axis=0)) / np.where(sides > 0, sides, 1) * counts * (1 - 1e-9))
         _, cell = np.unique(grid @ [8.0, 1.0], return_inverse=True)
         weights: Array = np.bincount(cell, self.weights).astype(np.float64)
@@ -169,6 +189,29 @@ class FrictionSurface:
         square = ((self.points - places[cell]) ** 2).sum(axis=1)
         spins = np.sqrt(np.bincount(cell, self.weights * square) / some)
         return Cells(weights, places, spins * _spin_factor(weights, places, spins, self.radius))
+
+    def _split_rectangle(self, sides: Array, compact: float) -> Cells:
+        """As `_split`, without errors of quadrature: the cells of a rectangle are mirrored as it is."""
+        lengths = np.linalg.norm(sides, axis=1)
+        counts = _cell_counts(lengths, compact)
+        places = _grid(*counts.astype(int).tolist()) @ sides
+        weights = np.full(len(places), 1 / len(places))
+        spins = np.full(len(places), np.linalg.norm(lengths / counts) / math.sqrt(12))
+        return Cells(weights, places, spins * _spin_factor(weights, places, spins, self.radius))
+
+
+def _cell_counts(sides: Array, compact: float) -> Array:
+    """(2,) cells along and across a patch with sides (2,); one when its aspect is below `compact`."""
+    aspect = np.sqrt(max(sides[0], 1e-12) / max(sides[1], 1e-3 * sides[0], 1e-12))
+    if aspect**2 < compact:
+        return np.ones(2)
+    return np.asarray(np.clip(np.round([2 * aspect, 2 / aspect + 0.2]), 1, 5))
+
+
+def _grid(along: int, across: int) -> Array:
+    """(along across, 2) centres of equal cells of a square of side 1 around the origin."""
+    x, y = np.meshgrid((np.arange(along) + 0.5) / along - 0.5, (np.arange(across) + 0.5) / across - 0.5, indexing="ij")
+    return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def _spin_factor(weights: Array, places: Array, spins: Array, radius: float) -> float:
@@ -232,6 +275,12 @@ def _surface_of(data: bytes, shape: tuple[int, ...]) -> FrictionSurface:
         return FrictionSurface(points, np.full(len(points), 1 / len(points)))
     sides = corners[:, 1:] - corners[:, :1]
     areas = np.abs(np.linalg.det(sides)) / 2
+    rectangle = _rectangle(corners.reshape(-1, 2), areas.sum())
+    if rectangle is not None:
+        long, short = np.linalg.norm(rectangle, axis=1)
+        across = max(1, round(math.sqrt(_QUADRATURE * short / long)))
+        grid = _grid(max(1, round(_QUADRATURE / across)), across)
+        return FrictionSurface(grid @ rectangle, np.full(len(grid), 1 / len(grid)), rectangle)
     places, weights = [], []
     for corner, side, share in zip(corners[:, 0], sides, areas / areas.sum(), strict=True):
         steps = max(1, int(np.ceil(np.sqrt(_QUADRATURE * share))))
@@ -239,6 +288,25 @@ def _surface_of(data: bytes, shape: tuple[int, ...]) -> FrictionSurface:
         places.append(corner + centres @ side)
         weights.append(np.full(len(centres), share / len(centres)))
     return FrictionSurface(np.concatenate(places), np.concatenate(weights))
+
+
+def _rectangle(corners: Array, area: float) -> Array | None:
+    """(2, 2) the longer and the shorter side of the rectangle around the origin that triangles fill.
+
+    None where triangles with these corners (C, 2) and this area make another shape.
+    """
+    squares = (corners**2).sum(axis=1)
+    far = corners[squares.argmax()]
+    others = corners[(squares > squares.max() - _ALIKE) & (np.abs(corners @ far) < squares.max() - _ALIKE)]
+    if not len(others):
+        return None
+    sides = np.stack([far + others[0], far - others[0]])
+    sides = sides[np.argsort(-np.linalg.norm(sides, axis=1), kind="stable")]
+    lengths = np.linalg.norm(sides, axis=1)
+    if abs(sides[0] @ sides[1]) > _ALIKE or abs(lengths.prod() - area) > _ALIKE or lengths[1] < _ALIKE:
+        return None
+    inside = np.abs(corners @ (sides / lengths[:, None]).T) <= lengths / 2 + _ALIKE
+    return sides if inside.all() else None
 
 
 @lru_cache(maxsize=64)

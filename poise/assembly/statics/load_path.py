@@ -24,6 +24,9 @@ _DECIDED = 16
 """Given factors that are tried where Newton steps find no next point."""
 _AT_PEAK, _STEEP = 12, 0.25
 """Points around a peak; before a plateau, where the factor would grow by more than this share, as at the last point."""
+_BEYOND, _NEAR_END = 3, 0.97
+"""Beyond the end of a path a state is looked for at a factor that is larger by so many tolerances; also from the last
+point with no more than this share of the best factor."""
 _SHORTER = 6
 """Times that the first step is taken again, an eighth as long, where it led to collapse."""
 
@@ -239,6 +242,31 @@ def go_on(
         path, step = LoadPath([*path.points, state], state.displacement, factor >= above), 2 * step
         if path.ended:
             return path
+    return path
+
+
+def look_beyond(
+    path: LoadPath, look: Callable[[float, Array], PathPoint | None], above: float, tolerance: float
+) -> LoadPath:
+    """A path; where it ended, with a state under more than its best factor if one is near, as one that has not.
+
+    Friction allows several states: a path may pass over a peak, or leave states that hold more before its end.
+
+    Args:
+        path: followed.
+        look: the state under a factor, if one is found near a displacement (6 n,) that stands.
+        above: no more than this is asked.
+        tolerance: the state is looked for at a factor that is larger by `_BEYOND` times this share.
+    """
+    points, at = path.points, max(range(len(path.points)), key=lambda k: path.points[k].factor)
+    if not path.ended or not 0 < points[at].factor < above:
+        return path
+    best, before = points[at].displacement, points[max(at - 1, 0)].displacement
+    after = path.end if at + 1 < len(points) else 2 * best - before
+    factor = min((1 + _BEYOND * tolerance) * points[at].factor, above)
+    for start in (2 * best - before, 2 * after - best, path.up_to(_NEAR_END * points[at].factor).displacement):
+        if (state := look(factor, start)) is not None:
+            return LoadPath([*points, state], state.displacement, factor >= above)
     return path
 
 
