@@ -52,9 +52,19 @@ class ClosedShape:
         """m3."""
         return float(self.moments[3, 3])
 
-    def cloud(self, rng: np.random.Generator, count: int, family: str = "white", sigma: float = 0.0) -> Array:
-        """(count, 3) m: points on the surface with errors of one family (see `FAMILIES`), one sigma per axis, m."""
+    def cloud(
+        self, rng: np.random.Generator, count: int, family: str = "white", sigma: float = 0.0, denser: float = 1.0
+    ) -> Array:
+        """(count, 3) m: points on the surface with errors of one family (see `FAMILIES`), one sigma per axis, m.
+
+        At one end of the longest axis there are `denser` times as many per area as at the other, as if seen from there.
+        """
         points = self.surface(rng, count)
+        if denser > 1:
+            many = self.surface(rng, 20 * count)
+            along = (many - many.mean(axis=0)) @ np.linalg.svd(many - many.mean(axis=0), full_matrices=False)[2][0]
+            weights = denser ** -((along - along.min()) / np.ptp(along))
+            points = many[rng.choice(len(many), count, replace=False, p=weights / weights.sum())]
         return FAMILIES[family](rng, points, sigma) if sigma > 0 else points
 
     def surface(self, rng: np.random.Generator, count: int) -> Array:

@@ -1,6 +1,7 @@
 """Volumes and moments of solids from clouds with noise: how far off, and whether the stated uncertainty covers it.
 
 python -m benchmarks.solids [--worlds ...] [--noise MM ...] [--points N ...] [--families ...] [--objects N] [--final]
+    [--denser RATIO]
 """
 
 import argparse
@@ -73,10 +74,12 @@ def _filled(number: int) -> bool:
     return abs(shape.filled.volume / shape.volume - 1) < _SAME
 
 
-def measure(world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0) -> Record:
+def measure(
+    world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0, denser: float = 1.0
+) -> Record:
     """Reconstruct one cloud."""
     rng = np.random.default_rng([seed, points, round(1e6 * noise), len(family), *shape.name.encode()])
-    cloud = shape.cloud(rng, points, family, noise)
+    cloud = shape.cloud(rng, points, family, noise, denser)
     known = world, shape.name, family, noise, points
     start = time.process_time()
     try:
@@ -105,7 +108,13 @@ def about(moments: np.ndarray) -> tuple[float, np.ndarray, float]:
 
 
 def measured(
-    worlds: list[str], families: list[str], noises: list[float], points: list[int], objects: int, final: bool
+    worlds: list[str],
+    families: list[str],
+    noises: list[float],
+    points: list[int],
+    objects: int,
+    final: bool,
+    denser: float = 1.0,
 ) -> Iterator[Record]:
     """All combinations; without noise there is one family."""
     for world in worlds:
@@ -113,7 +122,7 @@ def measured(
             for noise in noises:
                 for family in families if noise > 0 else families[:1]:
                     for count in points:
-                        yield measure(world, shape, family, noise, count)
+                        yield measure(world, shape, family, noise, count, denser=denser)
 
 
 def table(records: list[Record], keys: tuple[str, ...]) -> Table:
@@ -162,12 +171,14 @@ def main() -> None:
     parser.add_argument("--noise", nargs="+", type=float, default=[0, 1, 2, 3], help="mm")
     parser.add_argument("--points", nargs="+", type=int, default=[500, 2000, 10_000])
     parser.add_argument("--objects", type=int, default=8, help="per world")
+    parser.add_argument("--denser", type=float, default=1.0, help="how many times denser one end is than the other")
     parser.add_argument("--final", action="store_true", help="objects that nothing was chosen on")
     parser.add_argument("--by", nargs="+", default=["world", "noise"])
     parser.add_argument("--each", action="store_true", help="print every cloud")
     chosen = parser.parse_args()
     noises = [1e-3 * value for value in chosen.noise]
-    records = list(measured(chosen.worlds, chosen.families, noises, chosen.points, chosen.objects, chosen.final))
+    sizes = chosen.points, chosen.objects, chosen.final, chosen.denser
+    records = list(measured(chosen.worlds, chosen.families, noises, *sizes))
     if chosen.each:
         for one in records:
             console.print(
