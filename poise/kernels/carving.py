@@ -25,8 +25,8 @@ def ways_in(points: Array, coarse: Array, tetrahedra: Indices, beside: Indices) 
         tetrahedra: (T, 4) and beside: (T, 4) the ones behind the faces opposite their corners; -1: outside.
 
     Returns:
-        (T,) radii, m, over how coarse the corners are; the tetrahedra in an order in which each comes after the one that the ball comes from; and
-        (T + 1,) that one, T for the outside.
+        (T,) radii, m, over how coarse the corners are; the tetrahedra in an order in which each comes after the one
+        that the ball comes from; and (T + 1,) that one, T for the outside.
 
     Raises:
         InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of what is not there.

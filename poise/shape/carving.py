@@ -346,13 +346,11 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     return np.asarray(normals)
 
 
-def _reach(
-    points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indices
-) -> tuple[Array, Indices, Indices]:
+def _reach(points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
     """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside; over how coarse points are.
 
-    The ball grows and shrinks with the spacing of the points around it, `coarse` (N,). The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of
-    equal ways it has the first.
+    The ball is larger where points are sparse, by `coarse` (N,). The best way in is the path in the widest spanning
+    tree, so that one tree answers for balls of every radius; of equal ways it has the first.
 
     Returns:
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and

@@ -55,7 +55,7 @@ def test_size_and_place_change_nothing() -> None:
 
 @pytest.mark.parametrize("sides", [(0.3, 0.03, 0.004), (0.2, 0.05, 0.03)])
 def test_a_ball_does_not_pass_where_points_are_sparse(sides: tuple[float, float, float]) -> None:
-    """Sixteen times as many points per area at one end as at the other, as of a long object that is seen from an end."""
+    """At one end there are 16 times as many points per area as at the other, as of what is seen from that end."""
     rng = np.random.default_rng(3)
     many = samples.box(rng, sides, 20 * COUNT)
     weights = 16 ** -(many[:, 0] / sides[0])
