@@ -20,16 +20,13 @@ from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedr
 from poise.shape.coverage import bare_share
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
+from poise.shape.spacing import NEIGHBOURS, coarseness
 from poise.types import Array, Indices, Mask
 
 _BALL = 2.4
 """Radius of the ball in spacings of the points: it passes no hole of random sampling, yet enters what is concave."""
 _SPREAD = (2.1, 3.0)
 """Radii, in spacings, between which the volume is taken as uncertain."""
-_NEIGHBOURS = 6
-_AROUND, _COARSE_FROM, _MOST_COARSE = 25, 1.35, 3.0
-"""Points that the spacing around one is a mean over; over the usual one, that from which on the ball is larger there;
-and the largest ball, over the usual one. Random sampling alone reaches 1.2 to 1.3 on even surfaces."""
 _LEAK, _SHEETS = 0.6, 0.035
 """A ball that finds less than this share of the volume which a larger ball leaves has found a hole in the sampling, or
 an opening, such as that of a cup. Through a hole it leaves sheets, whose two sides are the same points: in scans of a
@@ -56,20 +53,8 @@ _TINY = 1e-30
 
 def spacing_of(points: Array) -> float:
     """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = nearest(points, points, _NEIGHBOURS + 1)[0]
+    distances = nearest(points, points, NEIGHBOURS + 1)[0]
     return float(np.median(distances[:, 1:].mean(axis=1)))
-
-
-def coarseness(points: Array, spacing: float) -> Array:
-    """(N,) how much larger a ball has to be around each of the points (N, 3), since they are sparse there.
-
-    A camera shows what is near, or faces it, in more points.
-    """
-    if len(points) <= _AROUND:
-        return np.ones(len(points))
-    distances, around = nearest(points, points, _AROUND)
-    own = distances[:, 1 : _NEIGHBOURS + 1].mean(axis=1)
-    return np.asarray(np.clip(own[around].mean(axis=1) / (_COARSE_FROM * spacing), 1.0, _MOST_COARSE))
 
 
 def carve(

@@ -3,13 +3,12 @@
 import numpy as np
 
 from poise.geometry import unique_rows
-from poise.shape.nearest import nearest
+from poise.shape.spacing import local_spacing
 from poise.types import Array, Indices
 
 _ROUNDS = 12
-_AROUND, _BESIDE, _UNEVEN = 25, 6, 3.5
-"""Points that a spacing is a mean over, and neighbours of each; spacing on half of the surface, over that of half of the
-points, from which on these are uneven."""
+_UNEVEN = 3.5
+"""Spacing on half of the surface, over that of half of the points, from which on these are uneven."""
 
 
 def thin(points: Array, wanted: int) -> Indices:
@@ -46,14 +45,11 @@ def evened(points: Array) -> Indices:
     Returns:
         (M,) increasing.
     """
-    if len(points) <= _AROUND:
-        return np.arange(len(points))
-    distances, around = nearest(points, points, _AROUND)
-    spacing = distances[around, 1 : _BESIDE + 1].mean(axis=(1, 2))
+    spacing = local_spacing(points)
     order = np.argsort(spacing)
     covered = np.cumsum(spacing[order] ** 2)  # each point stands for the square of its spacing
     usual = spacing[order[np.searchsorted(covered, covered[-1] / 2)]]
-    if usual < _UNEVEN * np.median(spacing):
+    if usual <= _UNEVEN * np.median(spacing):
         return np.arange(len(points))
     return thin(points, int(np.sum(np.minimum(spacing / usual, 1.0) ** 2)))
 

@@ -7,7 +7,8 @@ import shape_samples as samples
 from poise.errors import ErrorCode, InputError
 from poise.shape.carving import _least_to_root as least_to_root
 from poise.shape.carving import _to_triangles as to_triangles
-from poise.shape.carving import carve, coarseness, depths_below, depths_inside, spacing_of
+from poise.shape.carving import carve, depths_below, depths_inside, spacing_of
+from poise.shape.spacing import coarseness
 
 COUNT = 2000
 
