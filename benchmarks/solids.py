@@ -1,7 +1,7 @@
 """Volumes and moments of solids from clouds with noise: how far off, and whether the stated uncertainty covers it.
 
 python -m benchmarks.solids [--worlds ...] [--noise MM ...] [--points N ...] [--families ...] [--objects N] [--final]
-    [--denser RATIO]
+    [--denser RATIO [--close]]
 """
 
 import argparse
@@ -9,6 +9,7 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -75,11 +76,11 @@ def _filled(number: int) -> bool:
 
 
 def measure(
-    world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0, denser: float = 1.0
+    world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0, **density: Any
 ) -> Record:
     """Reconstruct one cloud."""
     rng = np.random.default_rng([seed, points, round(1e6 * noise), len(family), *shape.name.encode()])
-    cloud = shape.cloud(rng, points, family, noise, denser)
+    cloud = shape.cloud(rng, points, family, noise, **density)
     known = world, shape.name, family, noise, points
     start = time.process_time()
     try:
@@ -114,7 +115,7 @@ def measured(
     points: list[int],
     objects: int,
     final: bool,
-    denser: float = 1.0,
+    **density: Any,
 ) -> Iterator[Record]:
     """All combinations; without noise there is one family."""
     for world in worlds:
@@ -122,7 +123,7 @@ def measured(
             for noise in noises:
                 for family in families if noise > 0 else families[:1]:
                     for count in points:
-                        yield measure(world, shape, family, noise, count, denser=denser)
+                        yield measure(world, shape, family, noise, count, **density)
 
 
 def table(records: list[Record], keys: tuple[str, ...]) -> Table:
@@ -172,13 +173,15 @@ def main() -> None:
     parser.add_argument("--points", nargs="+", type=int, default=[500, 2000, 10_000])
     parser.add_argument("--objects", type=int, default=8, help="per world")
     parser.add_argument("--denser", type=float, default=1.0, help="how many times denser one end is than the other")
+    parser.add_argument("--close", action="store_true", help="a ball of 3 cm, instead of an end")
     parser.add_argument("--final", action="store_true", help="objects that nothing was chosen on")
     parser.add_argument("--by", nargs="+", default=["world", "noise"])
     parser.add_argument("--each", action="store_true", help="print every cloud")
     chosen = parser.parse_args()
     noises = [1e-3 * value for value in chosen.noise]
-    sizes = chosen.points, chosen.objects, chosen.final, chosen.denser
-    records = list(measured(chosen.worlds, chosen.families, noises, *sizes))
+    sizes = chosen.points, chosen.objects, chosen.final
+    density = {"denser": chosen.denser, "close": chosen.close}
+    records = list(measured(chosen.worlds, chosen.families, noises, *sizes, **density))
     if chosen.each:
         for one in records:
             console.print(
