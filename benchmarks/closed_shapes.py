@@ -33,6 +33,10 @@ _TOUCHED = 16_000
 """Points whose carved solid says what can be seen of a tool."""
 
 
+CLOSE = 0.03
+"""m, radius of what a close view shows."""
+
+
 @dataclass(frozen=True, eq=False)
 class ClosedShape:
     """A closed surface: (V, 3) m, (T, 3) counter-clockwise from outside."""
@@ -52,9 +56,30 @@ class ClosedShape:
         """m3."""
         return float(self.moments[3, 3])
 
-    def cloud(self, rng: np.random.Generator, count: int, family: str = "white", sigma: float = 0.0) -> Array:
-        """(count, 3) m: points on the surface with errors of one family (see `FAMILIES`), one sigma per axis, m."""
+    def cloud(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        family: str = "white",
+        sigma: float = 0.0,
+        denser: float = 1.0,
+        close: bool = False,
+    ) -> Array:
+        """(count, 3) m: points on the surface with errors of one family (see `FAMILIES`), one sigma per axis, m.
+
+        At one end of the longest axis there are `denser` times as many per area as at the other, as if seen from there;
+        or, in a `close` view, in a ball of `CLOSE` m as elsewhere.
+        """
         points = self.surface(rng, count)
+        if denser > 1:
+            many = self.surface(rng, 20 * count)
+            if close:
+                share = (np.linalg.norm(many - many[0], axis=1) > CLOSE).astype(np.float64)
+            else:
+                along = (many - many.mean(axis=0)) @ np.linalg.svd(many - many.mean(axis=0), full_matrices=False)[2][0]
+                share = (along - along.min()) / np.ptp(along)
+            weights = denser**-share
+            points = many[rng.choice(len(many), count, replace=False, p=weights / weights.sum())]
         return FAMILIES[family](rng, points, sigma) if sigma > 0 else points
 
     def surface(self, rng: np.random.Generator, count: int) -> Array:

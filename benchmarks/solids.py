@@ -1,6 +1,7 @@
 """Volumes and moments of solids from clouds with noise: how far off, and whether the stated uncertainty covers it.
 
 python -m benchmarks.solids [--worlds ...] [--noise MM ...] [--points N ...] [--families ...] [--objects N] [--final]
+    [--denser RATIO [--close]]
 """
 
 import argparse
@@ -8,6 +9,7 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -73,10 +75,12 @@ def _filled(number: int) -> bool:
     return abs(shape.filled.volume / shape.volume - 1) < _SAME
 
 
-def measure(world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0) -> Record:
+def measure(
+    world: str, shape: ClosedShape, family: str, noise: float, points: int, seed: int = 0, **density: Any
+) -> Record:
     """Reconstruct one cloud."""
     rng = np.random.default_rng([seed, points, round(1e6 * noise), len(family), *shape.name.encode()])
-    cloud = shape.cloud(rng, points, family, noise)
+    cloud = shape.cloud(rng, points, family, noise, **density)
     known = world, shape.name, family, noise, points
     start = time.process_time()
     try:
@@ -105,7 +109,13 @@ def about(moments: np.ndarray) -> tuple[float, np.ndarray, float]:
 
 
 def measured(
-    worlds: list[str], families: list[str], noises: list[float], points: list[int], objects: int, final: bool
+    worlds: list[str],
+    families: list[str],
+    noises: list[float],
+    points: list[int],
+    objects: int,
+    final: bool,
+    **density: Any,
 ) -> Iterator[Record]:
     """All combinations; without noise there is one family."""
     for world in worlds:
@@ -113,7 +123,7 @@ def measured(
             for noise in noises:
                 for family in families if noise > 0 else families[:1]:
                     for count in points:
-                        yield measure(world, shape, family, noise, count)
+                        yield measure(world, shape, family, noise, count, **density)
 
 
 def table(records: list[Record], keys: tuple[str, ...]) -> Table:
@@ -162,12 +172,16 @@ def main() -> None:
     parser.add_argument("--noise", nargs="+", type=float, default=[0, 1, 2, 3], help="mm")
     parser.add_argument("--points", nargs="+", type=int, default=[500, 2000, 10_000])
     parser.add_argument("--objects", type=int, default=8, help="per world")
+    parser.add_argument("--denser", type=float, default=1.0, help="how many times denser one end is than the other")
+    parser.add_argument("--close", action="store_true", help="a ball of 3 cm, instead of an end")
     parser.add_argument("--final", action="store_true", help="objects that nothing was chosen on")
     parser.add_argument("--by", nargs="+", default=["world", "noise"])
     parser.add_argument("--each", action="store_true", help="print every cloud")
     chosen = parser.parse_args()
     noises = [1e-3 * value for value in chosen.noise]
-    records = list(measured(chosen.worlds, chosen.families, noises, chosen.points, chosen.objects, chosen.final))
+    sizes = chosen.points, chosen.objects, chosen.final
+    density = {"denser": chosen.denser, "close": chosen.close}
+    records = list(measured(chosen.worlds, chosen.families, noises, *sizes, **density))
     if chosen.each:
         for one in records:
             console.print(

@@ -7,7 +7,7 @@
 #include "averaging.h"
 #include "dense.h"
 
-static const double LARGEST_FALL = 0.8, LARGEST_STEP = 0.5, SHORTENING = 0.25, TINY = 2.2250738585072014e-308;
+static const double LARGEST_FALL = 0.8, LARGEST_STEP = 0.5, SHORTENING = 0.25, TINY = 1e-20;
 static const double UNSEEN = 1e-6, PRECISION = 1e-12;
 
 /* Arrays of one hypothesis; wide = states + 1. */
@@ -36,7 +36,7 @@ static int make_room(struct room *room, int64_t states) {
 /* Minus the log of the prior of a state. */
 static double penalty_of(const struct mass_model *model, const double *state, const double *variances, double *room) {
   const int64_t parts = model->parts;
-  double number = 0.0, common = 0.0, spread = 0.0, apart = 0.0, bent = 0.0;
+  double number = 0.0, common = 0.0, apart = 0.0, bent = 0.0;
   for (int64_t k = 0; k < parts; k++) {
     double density = 0.0, one = 0.0;
     for (int64_t j = 0; j < parts; j++) {
@@ -44,20 +44,19 @@ static double penalty_of(const struct mass_model *model, const double *state, co
       one += model->unrooted[j * parts + k];
     }
     room[k] = density;
-    number += one * one;
-    common += density * one;
-    spread += variances[k] / (double)parts;
+    number += one * one / fmax(variances[k], TINY);
+    common += density * one / fmax(variances[k], TINY);
   }
   common /= number;
   for (int64_t k = 0; k < parts; k++) {
     double one = 0.0;
     for (int64_t j = 0; j < parts; j++) one += model->unrooted[j * parts + k];
     const double rest = room[k] - common * one;
-    apart += rest * rest;
+    apart += rest * rest / fmax(variances[k], TINY);
   }
   for (int64_t k = parts; k < model->states; k++) bent += state[k] * state[k] / variances[k];
-  const double together = number * common * common / (spread + number * model->any_mass);
-  return (apart / fmax(spread, TINY) + together + bent) / 2.0;
+  const double together = common * common / (1.0 / number + model->any_mass);
+  return (apart + together + bent) / 2.0;
 }
 
 /* The root (10, states + 1) of a prior of phi, the mass last, and (states + 1)^2 of 1 + root^T H root. */

@@ -58,29 +58,36 @@ static double radius_of_tetrahedron(const double *const *at) {
   return length(normal) / fmax(2 * fabs(dot(edge[0], across)), TINY);
 }
 
-/* Radius of the ball that passes a face; numbers of faces order equal ones. */
-static double gate(const double *points, const int64_t *tetrahedron, int face) {
-  const int *corner = FACES[face];
-  return radius_of_triangle(points + 3 * tetrahedron[corner[0]], points + 3 * tetrahedron[corner[1]],
-                            points + 3 * tetrahedron[corner[2]]);
+/* Points (N, 3), and (N,) how much coarser than usual they are around each. */
+struct cloud {
+  const double *points, *coarse;
+};
+
+/* Radius of the ball that passes a face, over how coarse its corners are on average. */
+static double gate(const struct cloud *cloud, const int64_t *tetrahedron, int face) {
+  const int64_t a = tetrahedron[FACES[face][0]], b = tetrahedron[FACES[face][1]], c = tetrahedron[FACES[face][2]];
+  const double radius = radius_of_triangle(cloud->points + 3 * a, cloud->points + 3 * b, cloud->points + 3 * c);
+  return radius / ((cloud->coarse[a] + cloud->coarse[b] + cloud->coarse[c]) / 3);
 }
 
-static int begin_outside(const double *points, int64_t count, const int64_t *tetrahedra, const int64_t *beside,
+static int begin_outside(const struct cloud *cloud, int64_t count, const int64_t *tetrahedra, const int64_t *beside,
                          const double *own, heap *ways) {
   for (int64_t k = 0; k < count; k++) {
     double widest = 0;
     for (int face = 0; face < 4; face++)
-      if (beside[4 * k + face] < 0) widest = fmax(widest, fmin(gate(points, tetrahedra + 4 * k, face), own[k]));
+      if (beside[4 * k + face] < 0) widest = fmax(widest, fmin(gate(cloud, tetrahedra + 4 * k, face), own[k]));
     if (widest > 0 && !heap_push(ways, (struct way){-fmax(widest, TINY), 4 * count + k, k, count})) return 0;
   }
   return 1;
 }
 
 /* Of tetrahedra (count, 4), with those behind their faces, -1 outside: the radius of the largest ball that comes into
-   each, m; an order in which each comes after the one that it comes from; and that one (count + 1,), `count` for the
+   each, m, over how coarse the points (N,) are there; an order in which each comes after the one that it comes from; and that one (count + 1,), `count` for the
    outside. The tree of ways in is the widest; of equal ways it has those of lower numbers. found (1,): how many. */
-POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int64_t *tetrahedra, const int64_t *beside,
-                                 double *reach, int64_t *order, int64_t *parent, int64_t *found) {
+POISE_EXPORT int64_t poise_reach(const double *points, const double *coarse, int64_t count, const int64_t *tetrahedra,
+                                 const int64_t *beside, double *reach, int64_t *order, int64_t *parent,
+                                 int64_t *found) {
+  const struct cloud cloud = {points, coarse};
   double *own = malloc((size_t)(count + 1) * sizeof *own);
   heap ways = {0};
   int64_t status = POISE_NO_MEMORY;
@@ -88,13 +95,17 @@ POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int6
   if (!own) goto done;
   for (int64_t k = 0; k < count; k++) {
     const double *at[4];
-    for (int i = 0; i < 4; i++) at[i] = points + 3 * tetrahedra[4 * k + i];
-    own[k] = radius_of_tetrahedron(at);
+    double sum = 0;
+    for (int i = 0; i < 4; i++) {
+      at[i] = points + 3 * tetrahedra[4 * k + i];
+      sum += coarse[tetrahedra[4 * k + i]];
+    }
+    own[k] = radius_of_tetrahedron(at) / (sum / 4);
     reach[k] = 0;
     parent[k] = -1;
   }
   parent[count] = count;
-  if (!begin_outside(points, count, tetrahedra, beside, own, &ways)) goto done;
+  if (!begin_outside(&cloud, count, tetrahedra, beside, own, &ways)) goto done;
   while (ways.count) {
     const struct way way = heap_pop(&ways);
     const int64_t k = way.to;
@@ -109,7 +120,7 @@ POISE_EXPORT int64_t poise_reach(const double *points, int64_t count, const int6
       int side = face;
       if (next < k) /* the face is that of the lower of the two */
         for (low = next, side = 0; beside[4 * low + side] != k; side++) continue;
-      const double width = fmin(fmin(gate(points, tetrahedra + 4 * low, side), own[k]), own[next]);
+      const double width = fmin(fmin(gate(&cloud, tetrahedra + 4 * low, side), own[k]), own[next]);
       if (!heap_push(&ways, (struct way){-fmax(width, TINY), 4 * low + side, next, k})) goto done;
     }
   }

@@ -14,7 +14,7 @@ struct mass_model {
   const double *moments;  /* (parts, 16) */
   const double *shares;   /* (parts,) */
   const double *guess;    /* (states,) */
-  const double *root;     /* (parts, parts) of the likeness; NULL for the unit matrix */
+  const double *root;     /* (parts, parts) axes of the likeness, in columns; NULL for the unit matrix */
   const double *unrooted; /* (parts, parts) */
   const double *flat;     /* (9, 16) generators of deformations */
   const double *products; /* (9, 9, 16) of two of them */

@@ -16,21 +16,23 @@ _NUMBERS = ("ball", "smallest", "prior", "cost")
 _POINTERS = ("points", "facing", "reach", "deep", "inside", "tetrahedra", "order", "parent", "gain", "opened")
 
 
-def ways_in(points: Array, tetrahedra: Indices, beside: Indices) -> Ways:
+def ways_in(points: Array, coarse: Array, tetrahedra: Indices, beside: Indices) -> Ways:
     """How large a ball comes into each tetrahedron; needs `COMPILED`. See `poise.shape.carving`, which does the same.
 
     Args:
         points: (N, 3) m.
+        coarse: (N,) how much coarser than usual they are around each.
         tetrahedra: (T, 4) and beside: (T, 4) the ones behind the faces opposite their corners; -1: outside.
 
     Returns:
-        (T,) radii, m; the tetrahedra in an order in which each comes after the one that the ball comes from; and
-        (T + 1,) that one, T for the outside.
+        (T,) radii, m, over how coarse the corners are; the tetrahedra in an order in which each comes after the one
+        that the ball comes from; and (T + 1,) that one, T for the outside.
 
     Raises:
         InputError: TYPE_MISMATCH for arrays of other shapes, or for numbers of what is not there.
     """
     at = contiguous(points, -1, 3, what="points")
+    spaced = contiguous(coarse, len(at), what="coarseness")
     corners = row_numbers(tetrahedra, 4, len(at))
     behind = row_numbers(beside + 1, 4, len(corners) + 1) - 1
     reach, order, parent = (
@@ -39,7 +41,7 @@ def ways_in(points: Array, tetrahedra: Indices, beside: Indices) -> Ways:
         np.empty(len(corners) + 1, np.int64),
     )
     found = np.zeros(1, np.int64)
-    given = address(at), len(corners), address(corners), address(behind)
+    given = address(at), address(spaced), len(corners), address(corners), address(behind)
     check(library.poise_reach(*given, *map(address, (reach, order, parent, found))))
     return reach, order[: found[0]], parent
 

@@ -130,7 +130,7 @@ class CompiledSearch:
     Args:
         moments: (K, 16) pseudo-inertia of each part at 1 kg. shares: (K,) of the volume.
         guess: (n,) middle of the prior, n = K + 9. halvings: of large deformations.
-        root: (K, K) of the correlation of the densities of parts; None: the unit matrix.
+        root: (K, K) axes of the correlation of the densities of parts, in columns; None: the unit matrix.
         unrooted: (K, K) the transposed inverse of the root.
         flat, products: (9, 16) generators of deformations, and (9, 9 * 16) products of two of them.
         scale: kg, unit of phi. any_mass: variance of the logarithm of the mass.

@@ -20,13 +20,13 @@ from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedr
 from poise.shape.coverage import bare_share
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
+from poise.shape.spacing import NEIGHBOURS, coarseness
 from poise.types import Array, Indices, Mask
 
 _BALL = 2.4
 """Radius of the ball in spacings of the points: it passes no hole of random sampling, yet enters what is concave."""
 _SPREAD = (2.1, 3.0)
 """Radii, in spacings, between which the volume is taken as uncertain."""
-_NEIGHBOURS = 6
 _LEAK, _SHEETS = 0.6, 0.035
 """A ball that finds less than this share of the volume which a larger ball leaves has found a hole in the sampling, or
 an opening, such as that of a cup. Through a hole it leaves sheets, whose two sides are the same points: in scans of a
@@ -53,7 +53,7 @@ _TINY = 1e-30
 
 def spacing_of(points: Array) -> float:
     """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = nearest(points, points, _NEIGHBOURS + 1)[0]
+    distances = nearest(points, points, NEIGHBOURS + 1)[0]
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
@@ -99,7 +99,7 @@ class Stone:
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
         self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
         self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * spacing**2
-        reach, order, parents = _reach(points, tetrahedra, neighbours)
+        reach, order, parents = _reach(points, coarseness(points, spacing), tetrahedra, neighbours)
         self._tree = reach / spacing, order, parents
 
     def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
@@ -331,23 +331,24 @@ def oriented_normals(points: Array, facets: Indices) -> Array:
     return np.asarray(normals)
 
 
-def _reach(points: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
-    """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside.
+def _reach(points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:
+    """(T,) radius of the largest ball, m, that comes into each tetrahedron from outside; over how coarse points are.
 
-    The best way in is the path in the widest spanning tree, so that one tree answers for balls of every radius; of
-    equal ways it has the first.
+    The ball is larger where points are sparse, by `coarse` (N,). The best way in is the path in the widest spanning
+    tree, so that one tree answers for balls of every radius; of equal ways it has the first.
 
     Returns:
         The radii; (T,) the tetrahedra in an order in which each comes after the one that the ball comes from; and
         (T + 1,) that one, T for the outside.
     """
     if COMPILED:
-        return ways_in(points, tetrahedra, neighbours)
+        return ways_in(points, coarse, tetrahedra, neighbours)
     corners, count = points[tetrahedra], len(tetrahedra)
     inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
     outer = neighbours[inner, face]
-    own = _circumradius_of_tetrahedra(corners)
-    gates = _circumradius_of_triangles(corners[inner[:, None], FACES[face]])
+    own = _circumradius_of_tetrahedra(corners) / coarse[tetrahedra].mean(axis=1)
+    facets = tetrahedra[inner[:, None], FACES[face]]
+    gates = _circumradius_of_triangles(points[facets]) / coarse[facets].mean(axis=1)
     width = np.minimum(np.minimum(gates, own[inner]), np.where(outer < 0, np.inf, own[outer]))
     out = outer < 0
     widest: Array = np.zeros(count)  # a tetrahedron at a corner of the hull has several ways out

@@ -11,7 +11,7 @@ from poise.shape.matching import matched
 from poise.shape.solid import Solid
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
 from poise.shape.surface_graph import unit_normals
-from poise.shape.thinning import thin
+from poise.shape.thinning import evened, thin
 from poise.types import Array, Indices, Mask
 
 _CLOUD = 12_000
@@ -93,9 +93,10 @@ def reconstruct(
     """
     rng = np.random.default_rng(0)
     rows = thin(points, wanted)
-    draft = _drafted(points, rows, noise, normals, rng)
+    draft = _drafted(points, rows[evened(points[rows])], noise, normals, rng)
     if draft.noise > _THICK * draft.spacing and len(points) > wanted:
-        draft = _drafted(points, np.sort(rng.permutation(len(points))[:wanted]), noise, normals, rng)
+        rows = np.sort(rng.permutation(len(points))[:wanted])
+        draft = _drafted(points, rows[evened(points[rows])], noise, normals, rng)
     draft = _averaged(draft, points, rng)
     guess = max(draft.noise, _LEAST_NOISE * draft.spacing)
     found = matched(draft.carved, points, guess, draft.spacing, rng, noise is not None)

@@ -3,9 +3,12 @@
 import numpy as np
 
 from poise.geometry import unique_rows
+from poise.shape.spacing import local_spacing
 from poise.types import Array, Indices
 
 _ROUNDS = 12
+_UNEVEN = 3.5
+"""Spacing on half of the surface, over that of half of the points, from which on these are uneven."""
 
 
 def thin(points: Array, wanted: int) -> Indices:
@@ -32,6 +35,23 @@ def thin(points: Array, wanted: int) -> Indices:
     off_middle = np.linalg.norm(off / kept - np.floor(off / kept) - 0.5, axis=1)
     order = np.lexsort((off_middle, cells))
     return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
+
+
+def evened(points: Array) -> Indices:
+    """Rows of (N, 3) points to keep where most are on a small share of the surface, as in a close view; else all.
+
+    Half of the surface, at least, is left as dense as it is.
+
+    Returns:
+        (M,) increasing.
+    """
+    spacing = local_spacing(points)
+    order = np.argsort(spacing)
+    covered = np.cumsum(spacing[order] ** 2)  # each point stands for the square of its spacing
+    usual = spacing[order[np.searchsorted(covered, covered[-1] / 2)]]
+    if usual <= _UNEVEN * np.median(spacing):
+        return np.arange(len(points))
+    return thin(points, int(np.sum(np.minimum(spacing / usual, 1.0) ** 2)))
 
 
 def _cells(points: Array, cube: float) -> Indices:

@@ -8,6 +8,8 @@ from problems import EXACT, problem_of
 
 from poise.errors import InputError
 from poise.inertia.bayes.estimator import PoiseEstimator
+from poise.inertia.bayes.hypotheses import hypotheses_for_shape
+from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.model.parameters import InertialParameters
 from poise.inertia.model.parts import SAME_DENSITY, Parts, box_moments, likeness_of_colours
 
@@ -23,10 +25,12 @@ def blocks() -> Parts:
     return Parts.from_moments(moments, np.arange(9), np.concatenate([places - SIDE / 2, places + SIDE / 2]))
 
 
-def inertia_of(parts: Parts, densities: np.ndarray, given: Parts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Estimated at rest and true inertia tensors, and the standard deviations of the first's entries in phi."""
+def inertia_of(
+    parts: Parts, densities: np.ndarray, given: Parts, liveliness: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimated (at rest) and true inertia tensors, and the standard deviations of the first's entries in phi."""
     truth = InertialParameters.from_phi(parts.unit_phi @ (densities * parts.volumes))
-    problem = problem_of(truth, np.random.default_rng(0), 40, liveliness=0.0, noise=EXACT, wrench_noise=1.0)
+    problem = problem_of(truth, np.random.default_rng(0), 40, liveliness=liveliness, noise=EXACT, wrench_noise=1.0)
     estimator = PoiseEstimator(given, problem.noise, longest_delay=0.0)
     estimator.add_problem(problem)
     found = estimator.solve()
@@ -77,3 +81,30 @@ def test_an_answer_at_rest_does_not_depend_on_rounding(scale: float) -> None:
     found = inertia_of(parts, densities, alike)[0]
     moved = replace(alike, unit_phi=parts.unit_phi * scale)
     np.testing.assert_allclose(inertia_of(parts, densities, moved)[0], found, rtol=0, atol=1e-6 * np.abs(found).max())
+
+
+def test_parts_of_one_colour_may_each_have_a_density_of_their_own() -> None:
+    """A cube has three times the density of those of its colour: motion shows it, and rest does not exclude it."""
+    parts = blocks()
+    densities = np.where(COLOURS[:, 0] > 0.6, 1000.0, 2000.0)
+    densities[np.argmin(COLOURS[:, 0])] *= 3
+    alike = replace(parts, likeness=likeness_of_colours(COLOURS))
+    for liveliness, close in ((1.0, 0.02), (0.0, 0.3)):
+        found, truth, sigmas = inertia_of(parts, densities, alike, liveliness)
+        assert np.linalg.norm(found - truth) < close * np.linalg.norm(truth)
+        assert np.all(np.abs(np.diag(found - truth)) < 3 * sigmas[[0, 3, 5]])
+
+
+def test_densities_are_of_one_colour_or_their_own_only_where_some_are_alike() -> None:
+    parts, noise = blocks(), EXACT
+    for likeness, kinds in ((None, 2), (np.eye(9), 2), (likeness_of_colours(COLOURS), 4)):
+        model = MassModel.of_parts(parts.unit_phi, parts.volumes, likeness)
+        cases = hypotheses_for_shape(model, 0.001, 0.0, noise)
+        assert len(cases) == 9 * kinds
+        assert np.exp(cases.log_probability).sum() == pytest.approx(1.0)
+        assert np.all(cases.twins[9:] == np.arange(9, len(cases)))
+    axes = model.likeness_axes[1]
+    own, one, given = (axes * cases.state_variances[9 * kind, :9] @ axes.T for kind in (1, 2, 3))
+    np.testing.assert_allclose(own, np.eye(9), atol=1e-9)
+    np.testing.assert_allclose(given, likeness_of_colours(COLOURS), atol=1e-9)
+    assert one[0, 3] == pytest.approx(1 - (1 - SAME_DENSITY) / 100)

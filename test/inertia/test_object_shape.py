@@ -26,6 +26,8 @@ def test_a_mesh_of_one_body_is_cut_into_pieces_that_add_up_to_it(box, tmp_path, 
     box.export(tmp_path / f"box.{suffix}")
     shape = load_object(tmp_path / f"box.{suffix}")
     assert len(shape.parts) == PIECES
+    assert shape.parts.likeness is not None
+    assert 0.6 < shape.parts.likeness.min() < shape.parts.likeness.max() == 1.0
     assert shape.parts.volumes.sum() == pytest.approx(np.prod(SIDES), rel=1e-6)
     np.testing.assert_allclose(shape.parts.homogeneous_phi, phi_of_box(), atol=1e-9)
     assert shape.parts.volumes.min() > 0.5 / PIECES * np.prod(SIDES)

@@ -136,8 +136,9 @@ def test_points_in_a_plane_have_none() -> None:
 
 
 def test_ways_in_are_those_of_python(both: Callable[[Callable[[], Any]], tuple[Any, Any]]) -> None:
+    coarse = np.random.default_rng(0).uniform(1.0, 3.0, len(HAMMER))
     tetrahedra, beside = tetrahedra_of(HAMMER)
-    (reach, order, parent), (radii, _, parents) = both(lambda: carving._reach(HAMMER, tetrahedra, beside))
+    (reach, order, parent), (radii, _, parents) = both(lambda: carving._reach(HAMMER, coarse, tetrahedra, beside))
     np.testing.assert_allclose(reach, radii, rtol=1e-12)
     np.testing.assert_array_equal(parent[:-1], parents[:-1])
     place = np.empty(len(order) + 1, np.int64)
@@ -176,12 +177,13 @@ def test_bad_input_is_refused() -> None:
     known |= {"reach": np.zeros((3, 4)), "points": np.zeros((3, 3, 4)), "shade": np.zeros((3, 3))}
     borders = np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0)
     drawn = Drawn(one, np.zeros((1, 3)), np.zeros((1, 3)))
-    ways = ways_in(HAMMER, tetrahedra, beside)
+    ways = ways_in(HAMMER, np.ones(len(HAMMER)), tetrahedra, beside)
     bad: list[Callable[[], object]] = [
         lambda: tetrahedra_of(np.full((30, 3), np.nan)),
         lambda: tetrahedra_of(HAMMER[:, :2]),
-        lambda: ways_in(HAMMER[:10], tetrahedra, beside),
-        lambda: ways_in(HAMMER, tetrahedra, beside + len(beside)),
+        lambda: ways_in(HAMMER[:10], np.ones(10), tetrahedra, beside),
+        lambda: ways_in(HAMMER, np.ones(3), tetrahedra, beside),
+        lambda: ways_in(HAMMER, np.ones(len(HAMMER)), tetrahedra, beside + len(beside)),
         lambda: nearest_of(HAMMER, HAMMER, 65, 0.01),
         lambda: nearest_of(HAMMER[:3], HAMMER, 4, 0.01),
         lambda: nearest_of(HAMMER, np.full((1, 3), np.inf), 1, 0.01),

@@ -7,7 +7,8 @@ import shape_samples as samples
 from poise.errors import ErrorCode, InputError
 from poise.shape.carving import _least_to_root as least_to_root
 from poise.shape.carving import _to_triangles as to_triangles
-from poise.shape.carving import carve, depths_below, depths_inside
+from poise.shape.carving import carve, depths_below, depths_inside, spacing_of
+from poise.shape.spacing import coarseness
 
 COUNT = 2000
 
@@ -51,6 +52,22 @@ def test_size_and_place_change_nothing() -> None:
     points, _ = clouds()["torus"]
     here, there = carve(points), carve(3.0 * points + [0.4, -2.0, 1.0])
     assert there.volume == pytest.approx(27 * here.volume, rel=1e-6)
+
+
+@pytest.mark.parametrize("sides", [(0.3, 0.03, 0.004), (0.2, 0.05, 0.03)])
+def test_a_ball_does_not_pass_where_points_are_sparse(sides: tuple[float, float, float]) -> None:
+    """At one end there are 16 times as many points per area as at the other, as of what is seen from that end."""
+    rng = np.random.default_rng(3)
+    many = samples.box(rng, sides, 20 * COUNT)
+    weights = 16 ** -(many[:, 0] / sides[0])
+    points = many[rng.choice(len(many), COUNT, replace=False, p=weights / weights.sum())]
+    assert coarseness(points, spacing_of(points)).max() > 1.5
+    assert carve(points).volume == pytest.approx(np.prod(sides), rel=0.1)
+
+
+def test_even_points_are_not_sparse() -> None:
+    for points, _ in clouds().values():
+        assert np.mean(coarseness(points, spacing_of(points)) > 1.0) < 0.05
 
 
 def test_what_has_no_volume_is_refused() -> None:

@@ -57,6 +57,8 @@ def test_pieces_of_one_part_leave_the_hollow_to_another() -> None:
     found = scanned(SIDES)
     parts = shape_of_cloud(found).parts
     assert len(parts) == PIECES + 1
+    assert parts.likeness is not None
+    assert np.all(parts.likeness[-1, :-1] == 0)
     assert parts.volumes.sum() == pytest.approx(found.solid.volume, rel=1e-6)
     for phi in parts.unit_phi.T:
         assert np.linalg.eigvalsh(pseudo_inertia(phi)).min() > 0

@@ -15,6 +15,7 @@ from poise.shape.carving import carve, spacing_of
 from poise.shape.reconstruction import HIDDEN_OFF, Reconstruction, _widened, guarded, reconstruct
 from poise.shape.segmentation import segment
 from poise.shape.solid import Solid
+from poise.shape.thinning import evened
 
 COUNT, WANTED = 2000, 2500
 CASES = [pieces(900), pieces(902), turned(900), turned(902), turned(905)]
@@ -188,3 +189,16 @@ def test_much_hidden_surface_counts_for_more_than_its_share() -> None:
     assert _widened(0.2, 1.0) == pytest.approx(0.36)
     assert _widened(0.4, 1.0) == 0.5  # a thing is not called noise for what it hides
     assert _widened(0.7, 1.0) == 0.7
+
+
+def test_a_close_view_of_a_small_place_does_not_set_the_scale() -> None:
+    """Most points lie on a twentieth of the surface; 1 to 8 % of the volume were left, stated to a few percent."""
+    rng, sides = np.random.default_rng(4), (0.25, 0.05, 0.03)
+    many = samples.box(rng, sides, 60_000)
+    weights = np.where(many[:, 0] > 0.11, 1.0, 0.02)
+    points = many[rng.choice(len(many), 2400, replace=False, p=weights / weights.sum())]
+    assert len(evened(points)) < 0.6 * len(points)
+    found = reconstruct(points, 2500).solid
+    assert found.volume == pytest.approx(np.prod(sides), rel=0.1)
+    even = samples.box(rng, sides, 2000)
+    np.testing.assert_array_equal(evened(even), np.arange(2000))

@@ -29,7 +29,8 @@ _SHORTENING = 0.25
 """Of a step that made things worse."""
 
 _IDENTITY = np.eye(N_UNKNOWNS)
-_TINY = np.finfo(np.float64).tiny
+_TINY = 1e-20
+"""Variance of a density that has none, as that of a single part: far below all others, far above rounding."""
 
 
 class ModelAverage:
@@ -54,11 +55,11 @@ class ModelAverage:
         self._scale = float(np.exp(self._guess[0]))
         self._starts = starts
         self._states = starts[hypotheses.bias_case]
-        # What the parts' densities have in common: their covariance is likeness = root root^T, times their variance.
+        # The variances of a hypothesis are along the columns of root, those of densities along axes of the likeness.
         self._root = np.eye(model.n_states)
         if model.likeness is not None:
-            self._root[: model.n_parts, : model.n_parts] = np.linalg.cholesky(model.likeness)
-        self._unrooted: Array = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T.astype(np.float64)
+            self._root[: model.n_parts, : model.n_parts] = model.likeness_axes[1]
+        self._unrooted = self._root[: model.n_parts, : model.n_parts]  # its transposed inverse is itself
         self.kernel: CompiledSearch | None = None
         if COMPILED:
             self.kernel = compiled_search(model, self._guess, self._root, self._unrooted, self._scale, ANY_MASS)
@@ -315,11 +316,11 @@ class ModelAverage:
         n_parts = self.model.n_parts
         densities, deformations = (states - self._guess)[:, :n_parts] @ self._unrooted, states[:, n_parts:]
         ones = self._unrooted.sum(axis=0)  # what all densities have in common, when the rest has nothing in common
-        number = float(ones @ ones)
-        common = densities @ ones / number
-        spread = variances[:, :n_parts].mean(axis=1)
-        apart = np.sum((densities - common[:, None] * ones) ** 2, axis=1) / np.maximum(spread, _TINY)
-        together = number * common**2 / (spread + number * ANY_MASS)
+        weights = 1 / np.maximum(variances[:, :n_parts], _TINY)
+        number = weights @ ones**2
+        common = np.sum(weights * densities * ones, axis=1) / number
+        apart = np.sum(weights * (densities - common[:, None] * ones) ** 2, axis=1)
+        together = common**2 / (1 / number + ANY_MASS)
         return np.asarray((apart + together + np.sum(deformations**2 / variances[:, n_parts:], axis=1)) / 2)
 
     def _to_sensor(self) -> Array:

@@ -1,6 +1,7 @@
 """How mass may be spread over an object of roughly known shape: a few numbers in, a body that can exist out."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -108,6 +109,14 @@ class MassModel:
         products = within[UPPER[0]] * within[UPPER[1]]
         core = np.append(_CORE**2 * products, np.zeros(3))
         return np.stack([core, core + np.append(np.zeros(6), _LAYER**2 * within)])
+
+    @cached_property
+    def likeness_axes(self) -> tuple[Array, Array]:
+        """(K,) variances of the densities along the axes of the likeness, and (K, K) these axes, in columns."""
+        if self.likeness is None:
+            return np.ones(self.n_parts), np.eye(self.n_parts)
+        variances, axes = np.linalg.eigh(self.likeness)
+        return variances, axes
 
     @property
     def n_parts(self) -> int:

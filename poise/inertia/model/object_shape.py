@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments, upper_factor
+from poise.inertia.model.parts import SAME_DENSITY, Parts, cells_of, likeness_of_colours, surface_moments, upper_factor
 from poise.inertia.model.spread_points import spread
 from poise.types import Array, Indices
 
@@ -27,6 +27,11 @@ _LARGEST, _SMALLEST = 3.0, 1e-3
 
 PIECES = 8
 """That a shape of one piece is cut into, because it is not known to be of one material."""
+
+_ALIKE_WITHIN = 3.0
+"""Distance at which the densities of two pieces have a correlation of 1/e, over the largest between any two. Pieces of
+one thing are rarely of many materials: with nothing in common, noise moved mass between them. Chosen on the objects of
+one part among random ones with seeds 0 to 179 and 700 to 979."""
 
 _CELLS = 4000
 
@@ -193,12 +198,23 @@ def _cut(body: "trimesh.Trimesh") -> ObjectShape:
         places, labels = found.solid.centroids, independent_parts(found)
     except InputError:  # no solid can be made of them
         labels = np.zeros(1, dtype=np.int64)
-    words = f"closed surface, segmented into {labels.max() + 1} parts"
-    if labels.max() == 0:
+    words, whole = f"closed surface, segmented into {labels.max() + 1} parts", labels.max() == 0
+    if whole:
         corners = np.asarray(body.vertices[body.faces])
         places = spread(cells_of(corners, (abs(body.volume) / _CELLS) ** (1 / 3))[0], PIECES)
         labels, words = np.arange(len(places)), f"closed surface, cut into {PIECES} pieces"
-    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS), _UNCUT_ACCURACY, words)
+    parts = Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS)
+    return ObjectShape(_alike(parts, len(parts)) if whole else parts, _UNCUT_ACCURACY, words)
+
+
+def _alike(parts: Parts, count: int) -> Parts:
+    """The first parts as pieces of one thing: the nearer to each other, the more likely of one density."""
+    places = parts.unit_phi[1:4, :count].T
+    apart = scipy.spatial.distance.cdist(places, places)
+    likeness = np.eye(len(parts))
+    likeness[:count, :count] = SAME_DENSITY * np.exp(-apart / (_ALIKE_WITHIN * max(apart.max(), 1e-12)))
+    np.fill_diagonal(likeness, 1.0)
+    return replace(parts, likeness=likeness)
 
 
 def parts_of_solid(solid: "Solid", labels: ArrayLike | None = None) -> Parts:
@@ -235,7 +251,8 @@ def shape_of_cloud(found: "Segmentation") -> ObjectShape:
         return ObjectShape(parts, accuracy, f"{words}, segmented into {len(parts)} parts{hollow}")
     solid = found.solid
     which = scipy.spatial.cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
-    return ObjectShape(_parts(found, which), accuracy, f"{words} of one part, cut into {PIECES} pieces{hollow}")
+    parts = _alike(_parts(found, which), int(which.max()) + 1)
+    return ObjectShape(parts, accuracy, f"{words} of one part, cut into {PIECES} pieces{hollow}")
 
 
 def _parts(found: "Segmentation", labels: Indices) -> Parts:
