@@ -14,11 +14,11 @@ from poise.types import Array
 _FASTEST, _STRAIGHT = 0.05, 5.0
 """Time constants of the drift, relative to the recording: the fastest, and one that is as good as a line."""
 _WARMS = 0.3
-"""Of a start."""
+"""A time constant from which a fit reaches others, relative to the recording."""
 _SHOWN = 2.0
-"""Below which it is reported."""
+"""Time constant below which it is reported, relative to the recording."""
 _ENDLESS = 1e9
-"""s, of a line."""
+"""s, of a model without a time constant: a line."""
 
 
 class BiasDrift(Effect):

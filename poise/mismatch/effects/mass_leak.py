@@ -22,7 +22,7 @@ from poise.types import Array
 _LONGER, _SHORTEST = 1.3, 0.05
 """Longest and shortest leak as shares of the recording; the longest one reaches its end from any start."""
 _ENDLESS = 1e9
-"""s of a leak of which no end is known."""
+"""s, of a model without a length: to the end of the recording."""
 _BRIEFEST = 1.0
 """s of the shortest leak in any case: a faster change is a step."""
 _BEFORE = 0.1

@@ -109,4 +109,5 @@ class MassStep(Effect):
 
 def _span(values: Values) -> tuple[float, float]:
     """(begin, end), s; the end of a change that stays is infinite."""
-    return values["time"], values["time"] + values["length"] if values.get("returns") else np.inf
+    begin = values["time"]
+    return begin, begin + values["length"] if values.get("returns") else np.inf
