@@ -147,7 +147,8 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
     for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
         if s > 0:
             moved = effect.derived(recorded, {**values, p.name: values[p.name] + 0.01 * s})
-            slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
+            # A quantity that is reported for some values only, as the end of what ends, may be missing there.
+            slopes[:, k] = [(moved.get(name, here)[0] - here[0]) / (0.01 * s) for name, here in derived.items()]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     for (name, (value, turning)), std in zip(derived.items(), spread.tolist(), strict=True):
         reported[name] = Quantity(value, std, unit(name, turning))

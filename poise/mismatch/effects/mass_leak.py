@@ -27,10 +27,10 @@ _BRIEFEST = 1.0
 """s of the shortest leak in any case: a faster change is a step."""
 _BEFORE = 0.1
 """Share of the recording before its beginning at which a leak may have begun."""
-_SEEN = 0.05
-"""Share of a recording that must show the payload before a leak, for a leak that ends, and after it."""
-_EMPTIES = 0.98
-"""Relative residual with a leak that ends, to that with one that does not, from which both are starts."""
+_SEEN, _EARLY = 0.05, 0.15
+"""Share of a recording that must show the payload before a leak that ends early, and how early that is."""
+_OPEN = 0.03
+"""Share of the recording after the end of a start of which the end is searched."""
 
 
 class MassLeak(Effect):
@@ -67,8 +67,8 @@ class MassLeak(Effect):
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
-        shares = np.linspace(0.0, 0.85, 11)
-        times = recorded.seconds[0] + shares * recorded.duration
+        begin, whole = float(recorded.seconds[0]), recorded.duration
+        times = (begin + whole * np.linspace(0.0, 0.85, 11)).tolist()
 
         def fitted(start: float, length: float) -> tuple[float, float, float, Array]:
             columns = matrix * -_gone(recorded.seconds, start, length)[:, None, None]
@@ -83,12 +83,11 @@ class MassLeak(Effect):
             place = payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -most, most)
             return {"start": start, "length": length, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
 
-        endless = min((fitted(start, _LONGER * recorded.duration) for start in times.tolist()), key=_left)
-        yield start_of(endless)
-        pairs = itertools.combinations(times[::2].tolist(), 2)
-        ending = min((fitted(start, end - start) for start, end in pairs), key=_left)
-        if ending[0] < _EMPTIES * endless[0]:
-            yield start_of(ending)
+        # From a leak without an end, a fit finds none: its response does not depend on the length.
+        last = begin + whole * (1.0 - _OPEN)
+        yield start_of(min((fitted(start, last - start) for start in times), key=_left))
+        pairs = itertools.combinations((begin + whole * np.linspace(2 * _SEEN, 0.9, 9)).tolist(), 2)
+        yield start_of(min((fitted(start, end - start) for start, end in pairs), key=_left))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         lost = -_gone(recorded.seconds, nonlinear["start"], nonlinear.get("length", _ENDLESS))
@@ -114,9 +113,9 @@ class MassLeak(Effect):
         if lost > 1.05 * max(float(recorded.phi[0]), 0.5):
             return f"the payload would lose {lost:.2f} kg"
         ((start, end),) = self.windows(recorded, values)
-        seen = _SEEN * recorded.duration
-        ends = values["start"] + values.get("length", _ENDLESS) < end - seen
-        return "it would end without a beginning" if ends and start < recorded.seconds[0] + seen else ""
+        ends = values["start"] + values.get("length", _ENDLESS) < end - _EARLY * recorded.duration
+        begins = start > recorded.seconds[0] + _SEEN * recorded.duration
+        return "it would end without a beginning" if ends and not begins else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)

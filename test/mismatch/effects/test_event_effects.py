@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
 
+from poise.mismatch.answer.named import quantities
 from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import FittedEffect
 from poise.mismatch.reading import complete_values, recorded_from_motion
 from poise.simulation import JointMotion
 
@@ -183,3 +185,14 @@ def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():
     peak = effect.derived(at, values)["peak_force"][0]
     assert peak == pytest.approx(np.linalg.norm([8, 2, -3]))
     assert f"{peak:.3g} N" in effect.sentence(at, values)
+
+
+def test_the_end_of_a_leak_has_an_error_where_it_is_hardly_before_that_of_the_recording():
+    """Beside these values the leak lasts to the end, and has none."""
+    at = moved()
+    effect = effect_named("mass_leak")
+    values = {"start": 5.0, "length": SECONDS[-1] - 5.0 - 1e-4, "rate": 0.01, "x": 0.03, "y": -0.02, "z": 0.12}
+    covariance = np.diag([0.1 if p.name in ("start", "length") else 1e-6 for p in effect.parameters(at)])
+    said = quantities(FittedEffect(effect, values), at, covariance)
+    assert said["end"].value == pytest.approx(SECONDS[-1] - 1e-4)
+    assert np.isfinite(said["end"].std)
