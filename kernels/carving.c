@@ -82,8 +82,9 @@ static int begin_outside(const struct cloud *cloud, int64_t count, const int64_t
 }
 
 /* Of tetrahedra (count, 4), with those behind their faces, -1 outside: the radius of the largest ball that comes into
-   each, m, over how coarse the points (N,) are there; an order in which each comes after the one that it comes from; and that one (count + 1,), `count` for the
-   outside. The tree of ways in is the widest; of equal ways it has those of lower numbers. found (1,): how many. */
+   each, m, over how coarse the points (N,) are there; an order in which each comes after the one that it comes from;
+   and that one (count + 1,), `count` for the outside. The tree of ways in is the widest; of equal ways it has those of
+   lower numbers. found (1,): how many. */
 POISE_EXPORT int64_t poise_reach(const double *points, const double *coarse, int64_t count, const int64_t *tetrahedra,
                                  const int64_t *beside, double *reach, int64_t *order, int64_t *parent,
                                  int64_t *found) {

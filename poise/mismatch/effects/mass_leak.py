@@ -100,9 +100,9 @@ class MassLeak(Effect):
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         ((start, end),) = self.windows(recorded, values)
-        lasts = self._lasts(recorded, values)
-        ended = {"end": (start + lasts, "s")} if start + lasts < end else {}
-        return {"lost": (values["rate"] * lasts, "kg"), **ended}
+        stop = min(_stop(values), end)
+        ended = {"end": (stop, "s")} if stop < end else {}
+        return {"lost": (values["rate"] * (stop - start), "kg"), **ended}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """A payload cannot lose more than it has.
@@ -113,24 +113,24 @@ class MassLeak(Effect):
         if lost > 1.05 * max(float(recorded.phi[0]), 0.5):
             return f"the payload would lose {lost:.2f} kg"
         ((start, end),) = self.windows(recorded, values)
-        ends = values["start"] + values.get("length", _ENDLESS) < end - _EARLY * recorded.duration
+        ends = _stop(values) < end - _EARLY * recorded.duration
         begins = start > recorded.seconds[0] + _SEEN * recorded.duration
         return "it would end without a beginning" if ends and not begins else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
         verb = "loses" if values["rate"] > 0 else "gains"
-        lasts = self._lasts(recorded, values)
-        until = "on" if start + lasts >= end else f"to {start + lasts:.1f} s"
+        stop, lost = _stop(values), abs(self.derived(recorded, values)["lost"][0])
+        until = "on" if stop >= end else f"to {stop:.1f} s"
         return (
             f"From {start:.1f} s {until} the payload {verb} {1e3 * abs(values['rate']):.1f} g/s, "
-            f"{1e3 * abs(values['rate']) * lasts:.0f} g by the end: the nominal payload keeps its weight."
+            f"{1e3 * lost:.0f} g by the end: the nominal payload keeps its weight."
         )
 
-    def _lasts(self, recorded: RecordedMotion, values: Values) -> float:
-        """s of the leak inside the recording."""
-        ((start, end),) = self.windows(recorded, values)
-        return min(end, values["start"] + values.get("length", _ENDLESS)) - start
+
+def _stop(values: Values) -> float:
+    """s at which it ends, also beyond the recording."""
+    return values["start"] + values.get("length", _ENDLESS)
 
 
 def _gone(seconds: Array, start: float, length: float) -> Array:
