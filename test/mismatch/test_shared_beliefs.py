@@ -66,3 +66,16 @@ def test_a_free_curve_is_a_rival_where_its_shape_is_not_that_of_the_law(more: fl
         for instead in ({law.name: line}, {law.name: line, "unknown:joint_velocity": splines})
     )
     assert (found.probability < 0.92 * alone.probability) == shares
+
+
+@pytest.mark.parametrize(("more", "shares"), [(1.2, False), (3.7, True)])
+def test_a_name_in_whose_place_a_free_curve_wins_far_more_evidence_is_no_likelier_than_it(
+    more: float, shares: bool
+) -> None:
+    law = effect_named("cable")
+    assert law is not None
+    own = EffectCandidate(law, {}, 140.0, 300.0, 140.0)
+    curve = replace(own, gain=more * own.gain, drop=more * own.drop)
+    (found,) = beliefs_of((law.name,), 20.0, instead={law.name: own, "unknown:joint_velocity": curve})
+    assert (found.probability < 0.5) == shares
+    assert (found.rivals[:1] == (("unknown:joint_velocity", found.probability),)) == shares

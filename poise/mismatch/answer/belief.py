@@ -25,6 +25,9 @@ friction, rotors and links vary by up to that (benchmarks.real)."""
 _LAW = 0.05
 """Share of what a free curve explains that the law of an effect may lack without another cause: the curve then has the
 shape of the law (viscous friction of benchmarks.real lacks 2 %; imitations of other causes lacked 4 to 7 %)."""
+_BETTER_CURVE, _BETTER_BY = 1.5, 50.0
+"""Factor and log evidence by which a free curve in the place of a name is better than it, so that it is an equal rival:
+right names of development cases had at most 1.1 times less evidence than the best curve (`benchmarks.foreign`)."""
 _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 _NONE_TEMPERATURE = 2.0
@@ -145,12 +148,13 @@ def _belief(
     lacks = LOOKALIKE if part.effect.layer == "friction" else 0.0
     odds = {rival: rival_odds(own, gain, misfit, lacks) for rival, gain in gains.items()}
     # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
-    curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
+    curve = max((rival for rival in odds if effect_named(rival) is None), key=gains.__getitem__, default="")
     odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
     if curve and name in candidates:
         missing = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
         odds[curve] *= min(max(missing / _LAW, 0.0), 1.0)
     ruled = _equal_by_rule(model, part, proof, beside) | suspects & set(part.effect.confused_with)
+    ruled |= {curve} if curve and gains[curve] > max(_BETTER_CURVE * own, own + _BETTER_BY) else set()
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
     odds |= dict.fromkeys(ruled, 1.0)
