@@ -79,3 +79,16 @@ def test_a_name_in_whose_place_a_free_curve_wins_far_more_evidence_is_no_likelie
     (found,) = beliefs_of((law.name,), 20.0, instead={law.name: own, "unknown:joint_velocity": curve})
     assert (found.probability < 0.5) == shares
     assert (found.rivals[:1] == (("unknown:joint_velocity", found.probability),)) == shares
+
+
+@pytest.mark.parametrize(
+    ("name", "rival", "shares"), [("low_pass", "clock_offset", True), ("low_pass", "slosh", False)]
+)
+def test_of_a_delay_and_a_filter_with_equal_evidence_none_is_preferred(name: str, rival: str, shares: bool) -> None:
+    one, other = effect_named(name), effect_named(rival)
+    assert one is not None
+    assert other is not None
+    instead = {name: EffectCandidate(one, {}, 40.0, 90.0, 40.0), rival: EffectCandidate(other, {}, 39.8, 90.0, 39.8)}
+    (found,) = beliefs_of((name,), 20.0, instead=instead)
+    assert (found.probability < 0.55) == shares
+    assert found.rivals[0][0] == rival

@@ -71,14 +71,14 @@ class BeliefBasis:
     Args:
         evidence: `support` of its proof, see `EffectProof`.
         rivals: sum of the odds of other effects and free curves in its place: 1 for one that does as well.
-        equals: rivals that are as likely by rule.
+        equals: sum of the odds of rivals that count in full: as likely by rule, or as simple.
         once: it is an event: it does not act again in another recording.
         varies: log evidence for an effect that varies over the recording, relative to what right effects may have.
     """
 
     evidence: float
     rivals: float
-    equals: int
+    equals: float
     once: bool
     varies: float = 0.0
 
@@ -160,15 +160,14 @@ def _belief(
     odds |= dict.fromkeys(ruled, 1.0)
     same = {rival for rival in odds if rival in candidates and candidates[rival].same}
     odds |= dict.fromkeys(same, 1.0)
-    # Of equal responses, the search takes the simplest. A delay and a filter have as many parameters.
-    ruled |= {rival for rival in same if part.effect.delay}
     larger = _larger(part, odds, gains, own)
     against = {rival: value for rival, value in odds.items() if rival not in larger}
-    compared = {rival: value for rival, value in against.items() if rival not in ruled}
+    # Of rivals that do as well, the search takes the simplest. A delay and a filter have as many parameters.
+    compared = {rival: value for rival, value in against.items() if rival not in ruled and not _both_delay(rival, part)}
     basis = BeliefBasis(
         proof.support,
         sum(compared.values()),
-        len(against) - len(compared),
+        sum(against.values()) - sum(compared.values()),
         not part.effect.transfers,
         variation.gain / (EQUAL_EVIDENCE + (_VARIES + part.effect.lacks) * max(proof.evidence, 0.0)),
     )
@@ -213,6 +212,11 @@ def rival_odds(own: float, rival: float, misfit: float, lacks: float = 0.0) -> f
 
 def _second(pair: tuple[str, float]) -> float:
     return pair[1]
+
+
+def _both_delay(rival: str, part: FittedEffect) -> bool:
+    effect = effect_named(rival)
+    return effect is not None and bool(effect.delay and part.effect.delay)
 
 
 def _contains(name: str, piece: str) -> bool:
