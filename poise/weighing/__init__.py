@@ -1,5 +1,6 @@
 """What is wrong with a wrench that no payload explains: the likely causes, tried one by one, and their repair.
 
+- `fixed_errors`: signs, axes and units as fixed matrices; `poise.mismatch` looks for them with a known load.
 - `reading`: what a candidate is: another design of the same samples, with its sentence and its repair.
 - `axes`, `units`, `gravity`, `clipping`, `channels`, `variation`, `times`, `moving_base`, `pulls`, `contact`: the
   candidates; `families`: all of them.
@@ -8,6 +9,15 @@
 """
 
 from poise.weighing.causes import Cause, find_causes
+from poise.weighing.fixed_errors import (
+    EXCHANGE_ERRORS,
+    FORCE_UNIT_ERRORS,
+    MIRROR_ERRORS,
+    SIGN_ERRORS,
+    TORQUE_UNIT_ERRORS,
+    FixedError,
+    on_both,
+)
 from poise.weighing.reading import Repair
 from poise.weighing.verdicts import (
     after_repair,
@@ -21,7 +31,13 @@ from poise.weighing.verdicts import (
 )
 
 __all__ = [
+    "EXCHANGE_ERRORS",
+    "FORCE_UNIT_ERRORS",
+    "MIRROR_ERRORS",
+    "SIGN_ERRORS",
+    "TORQUE_UNIT_ERRORS",
     "Cause",
+    "FixedError",
     "Repair",
     "after_repair",
     "causes_of",
@@ -29,6 +45,7 @@ __all__ = [
     "findings_of",
     "is_withheld",
     "named_and_possible",
+    "on_both",
     "repaired_wrench",
     "with_causes",
     "without_numbers",

@@ -10,109 +10,28 @@ from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, ReadingDesign
-from poise.weighing.reading import Reading, Repair, Says, shows_payload
+from poise.weighing.fixed_errors import (
+    EXCHANGE_ERRORS,
+    MIRROR_ERRORS,
+    RARE_ERROR,
+    SIGN_ERRORS,
+    on_both,
+)
+from poise.weighing.reading import Reading, Repair, Says, fixed_reading, shows_payload
 
 _NEAR = np.radians(12.0)
 """A rotation this small beside a mirrored axis is not reported."""
-_RARE = -4.0
-"""Log prior of two errors at once."""
 
 
 def wrong_axes(samples: FitSamples, plain: Explanation) -> list[Reading]:
     """Fixed rotations, mirrored axes, signs, and axes of the base instead of the sensor."""
     del plain
-    found = [*_signs(), *_mirrored(), *_exchanged(), *_turned(samples)]
-    return [*found, *_base_axes()]
+    fixed = map(fixed_reading, (*SIGN_ERRORS, *MIRROR_ERRORS, *EXCHANGE_ERRORS))
+    return [*fixed, *_turned(samples), *_base_axes()]
 
 
-def _both(force: Array, torque: Array) -> Array:
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3], matrix[3:, 3:] = force, torque
-    return matrix
-
-
-def _fixed(matrix: Array) -> ReadingDesign:
-    """The load's wrench seen through a fixed matrix (6, 6); the bias is in the axes of the reading."""
-
-    def design(samples: FitSamples, values: Array) -> Array:
-        del values
-        columns = signal_columns(samples.signals)
-        columns[:, :, :10] = matrix @ columns[:, :, :10]
-        return columns
-
-    return design
-
-
-def _repaired(matrix: Array) -> Callable[[Explanation], Repair]:
-    return lambda found: Repair(wrench=matrix.T)
-
-
-def _said(sentence: str, **evidence: float) -> Says:
-    return lambda found: (sentence, evidence)
-
-
-def _signs() -> list[Reading]:
-    one = np.eye(3)
-    kinds = [
-        (ErrorCode.FORCE_SIGN, -1, -1, "force and torque have the opposite sign: negate the wrench", 0.0),
-        (ErrorCode.FORCE_SIGN, -1, 1, "the force has the opposite sign, the torque has not: negate the force", 0.0),
-        (ErrorCode.TORQUE_SIGN, 1, -1, "the torque has the opposite sign, the force has not: negate the torque", 0.0),
-    ]
-    return [
-        Reading(
-            code,
-            _fixed(_both(force * one, torque * one)),
-            _said(f"{text}; the contract is what the load exerts on the sensor, at rest f = m g"),
-            prior=prior,
-            repair=_repaired(_both(force * one, torque * one)),
-        )
-        for code, force, torque, text, prior in kinds
-    ]
-
-
-def _mirrored() -> list[Reading]:
-    kinds = {
-        "the x axis is mirrored": np.diag([-1.0, 1, 1]),
-        "the y axis is mirrored": np.diag([1.0, -1, 1]),
-        "the z axis is mirrored": np.diag([1.0, 1, -1]),
-        "the x and y axes are exchanged": np.eye(3)[[1, 0, 2]],
-        "the y and z axes are exchanged": np.eye(3)[[0, 2, 1]],
-        "the x and z axes are exchanged": np.eye(3)[[2, 1, 0]],
-    }
-    return [
-        Reading(
-            ErrorCode.LEFT_HANDED_AXES,
-            _fixed(_both(matrix, sign * matrix)),
-            _said(f"the wrench is in left-handed axes, {words}: {what} in the driver", torque_sign=float(sign)),
-            repair=_repaired(_both(matrix, sign * matrix)),
-        )
-        for words, matrix in kinds.items()
-        for sign, what in ((1, "turn that axis of force and torque back"), (-1, "turn that axis of the force back"))
-    ]
-
-
-def _exchanged() -> list[Reading]:
-    """Two channels of the force alone, or of the torque alone, are exchanged."""
-    return [
-        Reading(
-            ErrorCode.LEFT_HANDED_AXES,
-            _fixed(matrix),
-            _said(
-                f"{what} {'xyz'[a]} and {what} {'xyz'[b]} are exchanged: change the order of the channels in the driver"
-            ),
-            prior=_RARE,
-            repair=_repaired(matrix),
-        )
-        for a, b in ((0, 1), (1, 2), (0, 2))
-        for what, order in (("force", 0), ("torque", 3))
-        for matrix in (_exchange(order + a, order + b),)
-    ]
-
-
-def _exchange(first: int, second: int) -> Array:
-    matrix = np.eye(6)
-    matrix[[first, second]] = matrix[[second, first]]
-    return matrix
+def _said(sentence: str) -> Says:
+    return lambda found: (sentence, {})
 
 
 def _turned(samples: FitSamples) -> list[Reading]:
@@ -120,9 +39,9 @@ def _turned(samples: FitSamples) -> list[Reading]:
     found = []
     for force, torque, code, prior in (
         (1, 1, ErrorCode.SENSOR_ROTATED, 0.0),
-        (-1, -1, ErrorCode.LEFT_HANDED_AXES, _RARE),
-        (-1, 1, ErrorCode.LEFT_HANDED_AXES, _RARE),
-        (1, -1, ErrorCode.SENSOR_ROTATED, _RARE),
+        (-1, -1, ErrorCode.LEFT_HANDED_AXES, RARE_ERROR),
+        (-1, 1, ErrorCode.LEFT_HANDED_AXES, RARE_ERROR),
+        (1, -1, ErrorCode.SENSOR_ROTATED, RARE_ERROR),
     ):
         starts = _kabsch(samples, force)
         signs = np.repeat([float(force), float(torque)], 3)
@@ -144,7 +63,7 @@ def _rotated(signs: Array) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         columns = signal_columns(samples.signals)
         turn = rotation_of_vector(values)
-        columns[:, :, :10] = (signs[:, None] * _both(turn, turn)) @ columns[:, :, :10]
+        columns[:, :, :10] = (signs[:, None] * on_both(turn, turn)) @ columns[:, :, :10]
         return columns
 
     return design
@@ -153,7 +72,7 @@ def _rotated(signs: Array) -> ReadingDesign:
 def _unrotated(signs: Array) -> Callable[[Explanation], Repair]:
     def repair(found: Explanation) -> Repair:
         turn = rotation_of_vector(found.values[:3])
-        return Repair(wrench=_both(turn.T, turn.T) * signs)
+        return Repair(wrench=on_both(turn.T, turn.T) * signs)
 
     return repair
 
@@ -232,7 +151,7 @@ def _base_axes() -> list[Reading]:
             ErrorCode.WRONG_FRAME,
             design(bias_turns, sign),
             _said(text if sign > 0 else f"{text}; its sign is opposite as well"),
-            prior=0.0 if sign > 0 else _RARE,
+            prior=0.0 if sign > 0 else RARE_ERROR,
             repair=_from_base(sign),
         )
         for bias_turns in (True, False)

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
 from poise.weighing.fitting import Explanation, ReadingDesign
+from poise.weighing.fixed_errors import FixedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,3 +98,24 @@ class Reading:
 
 Family = Callable[[FitSamples, Explanation], list[Reading]]
 """Candidates of one kind, for samples and their plain explanation."""
+
+
+def fixed_reading(error: FixedError, measured: str = "", more: Mapping[str, float] = MappingProxyType({})) -> Reading:
+    """The load's wrench seen through a fixed matrix; the bias is in the axes of the reading.
+
+    Args:
+        error: which.
+        measured: what else the samples say about it, behind what it is.
+        more: numbers behind that.
+    """
+
+    def design(samples: FitSamples, values: Array) -> Array:
+        del values
+        columns = signal_columns(samples.signals)
+        columns[:, :, :10] = error.matrix @ columns[:, :, :10]
+        return columns
+
+    what, fix = error.sentence.split(": ", 1)
+    said = (f"{what}{measured}: {fix}", {**error.evidence, **more})
+    repair = Repair(wrench=np.asarray(np.linalg.inv(error.matrix)))
+    return Reading(error.code, design, lambda found: said, prior=error.prior, repair=lambda found: repair)

@@ -19,7 +19,6 @@ from poise.mismatch.reading.payload import identified, loosened
 from poise.mismatch.reading.sanity import (
     check_frame_motion,
     check_motion,
-    check_wrench,
     exceeded_limits,
     without_spikes,
 )
@@ -29,6 +28,7 @@ from poise.mismatch.reading.simulator import (
     with_simulator,
     with_stated_physics,
 )
+from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording

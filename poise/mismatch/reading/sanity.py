@@ -1,4 +1,4 @@
-"""Input checks: wrong units, the opposite sign, implausible joint positions, single outliers."""
+"""Input checks: rates, motion, implausible joint positions, stated limits, single outliers."""
 
 import warnings
 from collections.abc import Sequence
@@ -9,14 +9,13 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.effects import exceeded
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
-from poise.mismatch.recorded import AT_REST, WRENCH_CHANNELS, RecordedMotion, moving
+from poise.mismatch.recorded import AT_REST, RecordedMotion, moving
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
 
 _NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
 """Offsets of the samples that predict the one in their middle."""
-_PARTS = ("force", "torque")
 _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 _SHORTEST, _SLOWEST = 4.0, 15.0
@@ -27,48 +26,6 @@ _MAX_SPIKES = 0.03
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
 """Knocks of a loose part: least number; share of their square along one direction of the six channels; and largest
 share of that direction in one channel, since a knock acts on forces and torques."""
-
-
-def check_wrench(recorded: RecordedMotion, name: str) -> None:
-    """Refuse a wrench whose units or sign violate the contract.
-
-    Force and torque are each regressed on the prediction, both without their means.
-
-    Raises:
-        InputError: BAD_INPUT, with what to do.
-    """
-    stuck = np.flatnonzero(np.ptp(recorded.wrench, axis=0) == 0.0)
-    if len(stuck):
-        raise InputError(
-            ErrorCode.BAD_INPUT,
-            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench is constant: "
-            "is it at the end of its range, is the sensor on, and its driver running?",
-        )
-    read, expected = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
-    gains, likeness = [], []
-    for part in (slice(0, 3), slice(3, 6)):
-        a, b = read[:, part], expected[:, part]
-        gains.append(float(np.sum(a * b) / max(np.sum(b * b), 1e-12)))
-        likeness.append(float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-12)))
-    turned = [
-        what for what, like, gain in zip(_PARTS, likeness, gains, strict=True) if like < -0.9 and -2 < gain < -0.5
-    ]
-    if turned:
-        what = "wrench" if "force" in turned else "torque alone"
-        raise InputError(
-            ErrorCode.BAD_INPUT,
-            f"{name}: the {what} has the opposite sign: it is what the sensor exerts on the load (weight reads up); "
-            "negate it, the contract is what the load exerts on the sensor",
-            gain=min(gains),
-        )
-    for index, (what, unit, small) in enumerate((("force", "N", "mN"), ("torque", "N m", "N mm"))):
-        if abs(likeness[index]) > 0.9 and abs(gains[index]) > 200.0:
-            raise InputError(
-                ErrorCode.BAD_INPUT,
-                f"{name}: the {what} is {abs(gains[index]):.0f} times what the model says: it seems to be in {small}; "
-                f"the contract is {unit}",
-                gain=gains[index],
-            )
 
 
 def exceeded_limits(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
