@@ -4,6 +4,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from scipy.special import expit
+
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import (
     EQUAL_EVIDENCE,
@@ -99,7 +101,7 @@ def belief_probability(basis: BeliefBasis, weights: Sequence[float]) -> float:
     """
     slope = weights[0] + weights[1] * math.log(max(basis.evidence, 1.0)) - weights[4] * basis.varies
     rivals = basis.rivals * math.exp(-weights[2]) + basis.equals + basis.once * math.exp(weights[3])
-    return min(1.0 / (1.0 + math.exp(-slope)) / (1.0 + rivals), MAX_PROBABILITY)
+    return min(float(expit(slope)) / (1.0 + rivals), MAX_PROBABILITY)
 
 
 def beliefs(

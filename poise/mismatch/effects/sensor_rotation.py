@@ -4,12 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.geometry import cross, rotation_of_vector
+from poise.geometry import cross, nearest_rotation, rotation_of_vector, vector_of_rotation
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _NAMES = ("rotation_x", "rotation_y", "rotation_z")
+_LARGEST = 4.0
+"""rad: half a turn, with room for the fit on both sides of it."""
 
 
 class SensorRotation(Effect):
@@ -27,16 +29,17 @@ class SensorRotation(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return tuple(EffectParameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in _NAMES)
+        return tuple(
+            EffectParameter(name, "rad", 0.02, -_LARGEST, _LARGEST, linear=False, peaked=True) for name in _NAMES
+        )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """First order: the residual is w x r, for force and torque alike."""
+        """The rotation that turns the predicted wrench into the measured one best (Kabsch 1976)."""
         weight = np.repeat([1.0, 20.0], 3)
-        columns = rotation_columns(recorded.prediction) * weight[:, None]
-        centred = columns - columns.mean(axis=0)
-        wanted = (residual - residual.mean(axis=0)) * weight
-        turn = np.linalg.lstsq(centred.reshape(-1, 3), wanted.ravel(), rcond=None)[0]
-        yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
+        expected = (recorded.prediction - recorded.prediction.mean(axis=0)) * weight
+        read = expected + (residual - residual.mean(axis=0)) * weight
+        turn = nearest_rotation(expected[:, :3].T @ read[:, :3] + expected[:, 3:].T @ read[:, 3:])
+        yield dict(zip(_NAMES, vector_of_rotation(turn).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         turn = rotation_of_vector([values[name] for name in _NAMES])

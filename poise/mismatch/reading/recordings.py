@@ -20,6 +20,7 @@ from poise.mismatch.reading.sanity import (
     check_frame_motion,
     check_motion,
     exceeded_limits,
+    without_frozen,
     without_spikes,
 )
 from poise.mismatch.reading.simulator import (
@@ -97,8 +98,8 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
         return recorded_from_frames(recording, frame, measured, phi, known.gravity_or_standard)
 
     known = replace(known, sensor_frame=frame)
-    recorded, known, corrections = _against(build, str(recording.path), known, np.zeros(10))
-    findings = [*check_frame_motion(recorded), *exceeded_limits(recorded, model)]
+    recorded, known, corrections, frozen = _against(build, str(recording.path), known, np.zeros(10))
+    findings = [*frozen, *check_frame_motion(recorded), *exceeded_limits(recorded, model)]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -133,11 +134,11 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
         return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
     known = replace(model, sensor_frame=frame)
-    recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
+    recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
     exceeded = exceeded_limits(recorded, model) if wrench is not None else []
-    findings = [*_held(model, robot, text, streams), *findings, *exceeded]
+    findings = [*_held(model, robot, text, streams), *frozen, *findings, *exceeded]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -173,8 +174,12 @@ def _against(
     model: NominalModel,
     tool: Array,
     measures_wrench: bool = True,
-) -> tuple[RecordedMotion, NominalModel, list[str]]:
-    """The motion with the payload of the model, or with the payload that is identified beside the tool (10,)."""
+) -> tuple[RecordedMotion, NominalModel, list[str], list[InputFinding]]:
+    """The motion with the payload of the model, or with the payload that is identified beside the tool (10,).
+
+    Returns:
+        The motion; the model with the payload; what was corrected; what is wrong with the wrench.
+    """
     if model.phi is None and not measures_wrench:
         phi = np.zeros(10)  # joint efforts alone: the robot of the URDF, its hand empty
     elif model.phi is None:
@@ -184,10 +189,11 @@ def _against(
         phi = model.phi
     recorded, notes = build(phi)
     if not measures_wrench:
-        return recorded, model, notes
+        return recorded, model, notes, []
     check_wrench(recorded, name)
+    recorded, frozen = without_frozen(recorded)
     recorded, spikes = without_spikes(recorded)
-    return recorded, model, [*notes, *spikes]
+    return recorded, model, [*notes, *spikes], frozen
 
 
 def _held(model: NominalModel, robot: RobotModel, text: str, streams: MeasuredStreams) -> list[InputFinding]:

@@ -21,6 +21,9 @@ _OUTSIDE = 1.0
 _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
+_FROZEN, _STEPS, _MATERIAL = 0.2, 3.0, 0.05
+"""s that a reading stays the same at least; by how many of its steps, and by what share of its range, the model changes
+meanwhile in a channel."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
@@ -131,6 +134,31 @@ def _knocks(spikes: Array) -> bool:
         and np.max(lines[:, -1] ** 2) < _SEVERAL
         and along.min() < 0.0 < along.max()
     )
+
+
+def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[InputFinding]]:
+    """The recording without spans in which the wrench repeats one reading, though the load moves, and what they are.
+
+    The reading of a coarse sensor stays the same as well, but not where the model changes by several of its steps.
+    """
+    change = np.abs(np.diff(recorded.wrench, axis=0))
+    same = (change <= 1e-12 * np.abs(recorded.wrench[1:])).all(axis=1)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
+    steps = np.array([np.min(each[each > 0.0], initial=np.inf) for each in change.T])
+    found, frozen = [], np.zeros(len(recorded), dtype=bool)
+    for first, last in ends.reshape(-1, 2).tolist():
+        span = slice(first, last + 1)
+        begin, end = recorded.seconds[first], recorded.seconds[last]
+        moved = np.ptp(recorded.prediction[span], axis=0)
+        share = moved / np.maximum(np.ptp(recorded.prediction, axis=0), 1e-9)
+        if end - begin >= _FROZEN and ((moved > _STEPS * steps) & (share > _MATERIAL)).any():
+            frozen[span] = True
+            sentence = (
+                f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "
+                "or its driver stopped; this span was left out."
+            )
+            found.append(InputFinding("wrench_frozen", sentence, (), (float(begin), float(end))))
+    return (recorded.select(~frozen) if found else recorded), found
 
 
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:

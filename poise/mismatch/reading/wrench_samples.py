@@ -15,6 +15,9 @@ MAX_WRENCH_RATE = 250.0
 MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE = 15_000, 25.0
 """Samples of a recording that are compared at most. A longer one is averaged further, down to this rate in Hz."""
 
+_FEWEST_RUNS, _REGULAR = 50, 0.9
+"""Changes of the readings, and the share of them that come after the usual number of samples, for repetitions."""
+
 
 def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     """Without NaN and repeated stamps, at no more than MAX_RATE, and no longer than MOST_SAMPLES last."""
@@ -24,6 +27,8 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
         notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
     fresh = np.concatenate([[True], np.diff(wrench.stamps) > 0])
     wrench = wrench.select(finite & fresh)
+    wrench, said = _measured_anew(wrench)
+    notes += said
     if len(wrench) < 100:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
@@ -39,6 +44,25 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
         wrench = WrenchStream(mean_stamps(wrench.stamps, together), values, wrench.frame_id)
         notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
     return wrench, notes
+
+
+def _measured_anew(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
+    """Without the repetitions of a driver that publishes faster than the sensor measures, and a note on them.
+
+    The readings of a coarse sensor repeat as well, but irregularly.
+    """
+    new = np.concatenate([[True], (np.diff(wrench.wrench_in_sensor, axis=0) != 0.0).any(axis=1)])
+    begins = np.flatnonzero(new)
+    times = np.diff(begins)
+    if len(times) < _FEWEST_RUNS:
+        return wrench, []
+    usual = float(np.median(times))
+    if usual < 2.0 or np.mean(np.abs(times - usual) <= 1.0) < _REGULAR:
+        return wrench, []
+    kept = wrench.select(new)
+    return kept, [
+        f"the driver repeats each measured wrench {usual:.0f} times; {len(kept)} of {len(wrench)} were compared"
+    ]
 
 
 def begun(stream: Measured) -> tuple[Measured, list[str]]:
