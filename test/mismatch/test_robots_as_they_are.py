@@ -146,6 +146,13 @@ def test_newton_millimetres_are_converted_and_other_units_left_out_with_their_fa
     assert values == pytest.approx([factors[joints.names.index(name)] for name in names], rel=0.15)
 
 
+def test_one_large_factor_of_all_axes_of_a_gantry_is_a_unit_and_no_rotor() -> None:
+    joints = Recorded(GANTRY, damping=2.0, effort_noise=0.02).joints()
+    _, values, left = of("effort_unit", with_effort(joints, 37.0 * joints.effort), GANTRY)
+    assert left is None
+    assert values == pytest.approx([37.0] * len(values), rel=0.05)
+
+
 def test_the_opposite_sign_of_one_joint_is_turned() -> None:
     joints = Recorded(coulomb=1.0).joints()
     names, _, left = of("effort_sign", with_effort(joints, joints.effort * [1.0, -1.0, 1.0]))

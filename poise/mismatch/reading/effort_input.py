@@ -19,6 +19,8 @@ _OTHER_UNIT = 4.0
 """Factor beyond which an effort is of another unit: wrong masses and payloads stay below."""
 _COHERENT = 0.4
 """Scatter of the logarithm of the factor over the joints of one unit."""
+_SAME = 0.1
+"""Range of the logarithm of a factor that all joints share; rotors add to each joint what is its own."""
 _NEGATIVE = (-2.0, -0.5)
 """Gains of efforts with the opposite sign."""
 _UNRELATED = 0.3
@@ -80,7 +82,7 @@ def _by_gain(
     known = np.array([gain.known for gain in gains])
     value = np.array([gain.value for gain in gains])
     if not known.any():
-        return track, found
+        return _without_rotors(track, found)
     size = np.abs(value[known])
     if (size > _OTHER_UNIT).all() or ((size < 1.0 / _OTHER_UNIT).all() and (size > 3.0 * _stds(gains, known)).all()):
         return _other_unit(track, value, known, found)
@@ -104,6 +106,17 @@ def _by_gain(
         found = [*found, InputFinding("effort_sign", sentence, names, tuple(value[turned].tolist()))]
         track = replace(track, measured=np.where(turned, -track.measured, track.measured))
     return track, found
+
+
+def _without_rotors(track: EffortTrack, found: list[InputFinding]) -> tuple[EffortTrack | None, list[InputFinding]]:
+    """Efforts whose gains cannot be distinguished from rotors: one large factor for all joints is a unit."""
+    gains = [_fitted_gain(track, joint, rotor=False) for joint in range(len(track.names))]
+    known = np.array([gain.known for gain in gains])
+    value = np.array([gain.value for gain in gains])
+    size = np.abs(value[known])
+    if known.sum() < 2 or size.min() < _OTHER_UNIT or np.ptp(np.log(size)) > _SAME:
+        return track, found
+    return _other_unit(track, value, known, found)
 
 
 def _stds(gains: list[_Gain], known: Mask) -> Array:

@@ -11,6 +11,7 @@ from poise.mismatch.reading.commands import command_track, tracking
 from poise.mismatch.reading.effort_input import checked_efforts
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.frame_motion import recorded_from_frames
+from poise.mismatch.reading.joint_input import check_joints
 from poise.mismatch.reading.joint_motion import recorded_from_streams, seconds_since
 from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
@@ -135,6 +136,8 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
 
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
+    if wrench is not None and model.phi is not None:
+        check_joints(robot, recorded, model.phi + tool, model.gravity_or_standard, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
     exceeded = exceeded_limits(recorded, model) if wrench is not None else []

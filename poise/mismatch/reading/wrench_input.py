@@ -41,7 +41,7 @@ _ALIGNED, _MISALIGNED = 0.95, 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class _Moments:
+class WrenchMoments:
     """(6, 6) second moments of the wrench that is read and of the model's, both without their means."""
 
     read: Array
@@ -49,9 +49,20 @@ class _Moments:
     expected: Array
 
     @staticmethod
-    def of(read: Array, expected: Array) -> "_Moments":
+    def of(read: Array, expected: Array) -> "WrenchMoments":
         a, b = (values - values.mean(axis=0) for values in (read, expected))
-        return _Moments(a.T @ a, a.T @ b, b.T @ b)
+        return WrenchMoments(a.T @ a, a.T @ b, b.T @ b)
+
+    @property
+    def unexplained(self) -> Array:
+        """(2,) share of the variance of force and torque that the model leaves; its payload may be off by a factor."""
+        left = self.left(np.eye(6), _WRONG_PAYLOAD)
+        return np.array([left[part].sum() for part in _PARTS])
+
+    @property
+    def turned(self) -> Array:
+        """(6,) as `left`, of the best fixed rotation of the sensor."""
+        return self.left(_best_rotation(self), _WRONG_PAYLOAD)
 
     @property
     def share(self) -> Array:
@@ -87,11 +98,11 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
             f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench is constant: "
             "is it at the end of its range, is the sensor on, and its driver running?",
         )
-    moments = _Moments.of(recorded.wrench, recorded.prediction)
+    moments = WrenchMoments.of(recorded.wrench, recorded.prediction)
     error = _error(recorded, moments)
     if error is not None:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}", cause=error.code.name)
-    lag = _lag(recorded) if moments.left(np.eye(6), _WRONG_PAYLOAD).max() > _EXPLAINED else 0.0
+    lag = _lag(recorded) if moments.unexplained.max() > _EXPLAINED else 0.0
     if lag:
         raise InputError(
             ErrorCode.BAD_INPUT,
@@ -101,13 +112,15 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
         )
 
 
-def _error(recorded: RecordedMotion, moments: _Moments) -> FixedError | None:
+def _error(recorded: RecordedMotion, moments: WrenchMoments) -> FixedError | None:
     """The error of the driver that explains a wrench that the model does not."""
     without = moments.left(np.eye(6), _WRONG_PAYLOAD)
-    turned = moments.left(_best_rotation(moments), _WRONG_PAYLOAD)
-    in_world = _Moments.of(recorded.wrench, _in_world(recorded))
+    turned = moments.turned
+    in_world = WrenchMoments.of(recorded.wrench, _in_world(recorded))
     tried = [(error, moments.left(error.matrix, _factor(error))) for error in _errors()]
-    tried += [(error, in_world.left(error.matrix, _WRONG_PAYLOAD)) for error in _of_base_axes(in_world)]
+    in_base = [(error, in_world.left(error.matrix, _WRONG_PAYLOAD)) for error in _of_base_axes(in_world)]
+    # Of a sensor that does not turn, axes of the base are those of a turned sensor.
+    tried += [(error, left) for error, left in in_base if left.sum() < _TURNED * turned.sum()]
     least = np.min([without, turned, *(left for _, left in tried)], axis=0)
     shown = np.repeat([least[part].sum() <= _EXPLAINED for part in _PARTS], 3)
     share = moments.share
@@ -187,7 +200,7 @@ _CHANNEL_ERRORS = (
 )
 
 
-def _of_base_axes(in_world: _Moments) -> list[FixedError]:
+def _of_base_axes(in_world: WrenchMoments) -> list[FixedError]:
     """Axes of the base, which stands turned in the world by some angle, and the same with the opposite sign."""
     text = (
         "the wrench is in the axes of the base, and its messages name the sensor frame: publish it in the axes of the "
@@ -206,7 +219,7 @@ def _in_world(recorded: RecordedMotion) -> Array:
     return np.hstack([force, torque])
 
 
-def _best_rotation(moments: _Moments, sign: float = 1.0) -> Array:
+def _best_rotation(moments: WrenchMoments, sign: float = 1.0) -> Array:
     """(6, 6) the rotation of force and torque that explains the wrench, or its opposite, best."""
     force, torque = (moments.cross[p, p] / max(float(np.trace(moments.read[p, p])), 1e-12) for p in _PARTS)
     turn = nearest_rotation(sign * (force + torque))
