@@ -10,8 +10,8 @@
 #include "fill.h"
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
-                    NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5;
-enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2, BRIEF = 12 };
+                    NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5, SHORT = 0.2, NEAR = 1e5, LEAP = 100.0;
+enum { PATIENCE = 4, LENGTHS = 5, AGAIN = 2, BRIEF = 12, LEAPS = 3 };
 
 double elastic_clock(void) {
   struct timespec now;
@@ -340,22 +340,30 @@ static double merit_along(struct aim *aim, struct steps *made, const double *u, 
 }
 
 /* How long a step from u, of merit `value`, is best: the first length that halves what is left (of an energy: that
-   lessens it), otherwise the best one of those tried. The place it leads to is left in `made`. */
-static void search_line(struct aim *aim, struct steps *made, const double *u, double value, double *best,
-                        double *least) {
+   lessens it), otherwise the best one of those tried. The place it leads to is left in `made`. Whether it is a leap: a
+   whole step where short ones lessen little, if those are allowed. */
+static int search_line(struct aim *aim, struct steps *made, const double *u, double value, int leaps, double *best,
+                       double *least) {
   const double good = made->lanes.bounds ? value : GOOD * value;
-  double length = 1.0;
+  double length = 1.0, whole = INFINITY;
   *least = INFINITY;
   *best = 0.0;
   for (int tried = 0; tried < LENGTHS; tried++, length /= 2.0) {
     const double new = merit_along(aim, made, u, length);
+    if (tried == 0) whole = new;
     if (new < *least) {
       *least = new;
       *best = length;
     }
-    if (new < good) return;
+    if (new < good) return 0;
   }
-  if (*least < value) merit_along(aim, made, u, *best);
+  const int leap = leaps && whole < LEAP * value && (*best < SHORT || !(*least < value));
+  if (leap) {
+    *best = 1.0;
+    *least = whole;
+  }
+  if (leap || *least < value) merit_along(aim, made, u, *best);
+  return leap;
 }
 
 /* u (6 n) moves by damped Newton steps that lessen the merit; the power of a push on u does not change. */
@@ -365,7 +373,7 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
   const struct bodies *bodies = &lanes->contacts->bodies;
   const int64_t size = SIDE * bodies->count;
   double damping = 0.0, earlier = INFINITY;
-  int stale = 0, full = 0;
+  int stale = 0, full = 0, leaps = 0;
   const int brief = aim->push && steps <= BRIEF; /* asked of a place near a point of the path, which needs no damping */
   place_at(made, u);
   *value = merit_at(lanes, aim, u, made->relative, made->rest);
@@ -393,12 +401,14 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
     spring_motions(lanes, made->step, made->moved);
     const double factor = aim->factor;
     double length, new;
-    search_line(aim, made, u, *value, &length, &new);
-    if (new < *value) {
+    const int may_leap = !lanes->bounds && leaps < LEAPS && *value <= NEAR * enough;
+    const int leap = search_line(aim, made, u, *value, may_leap, &length, &new);
+    leaps += leap;
+    if (leap || new < *value) {
       memcpy(u, made->there_u, sizeof(double) * (size_t)size);
       memcpy(made->relative, made->there, sizeof(row_of_block) * (size_t)(3 * lanes->count));
       *value = new;
-      full = length == 1.0 ? full + 1 : 0;
+      full = length == 1.0 && !leap ? full + 1 : 0;
       if (full >= AGAIN || (full && damping <= LITTLE)) damping = damping > FORGOTTEN ? damping / 10.0 : 0.0;
     } else {
       full = 0;
@@ -436,6 +446,7 @@ struct reached elastic_reach(struct steps *made, const double *load, const doubl
   newton(&aim, made, enough, steps, end, u, &found.left, &found.steps);
   found.factor = aim.factor;
   found.compliance = aim.compliance;
+  found.change = made->along;
   return found;
 }
 

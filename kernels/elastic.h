@@ -18,6 +18,7 @@ struct elastic {
 struct reached {
   double factor, left; /* of the push; size of what is left of the equations */
   double compliance;   /* power of the push on the change of the displacement by it, in the last step; 0: no step */
+  const double *change; /* (6 n) that change; it is kept until the next step */
   int64_t steps;
 };
 

@@ -10,7 +10,7 @@
 static const double FIRST_SHARE = 0.25, FIRST_WEIGHT = 0.25, AFTER_MANY = 2.0, AFTER_FEW = 3.0, SURE = 1.5,
                     LEAST_GROWTH = 1.1, SETTLED = 1e-7, REACHED = 2e-4, CARRIED = 5e-5, LEAST_LOAD = 1e-2,
                     STEEP = 0.25, NEAR_END = 0.97;
-enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6 };
+enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6, SMALL = 20 };
 
 /* What Python gives and wants. */
 struct path {
@@ -30,6 +30,7 @@ struct point {
   double factor, compliance;
   int64_t steps;
   int held;
+  const double *change; /* of the displacement by the push, in the last step, until the next one; NULL: not known */
 };
 
 struct following {
@@ -78,7 +79,8 @@ static int reach(struct following *f, int64_t steps, struct point *found) {
     if (share_of(f, f->left, 1.0) > REACHED) return 0;
   }
   const int held = share_of(f, f->here, f->catch) <= CARRIED;
-  *found = (struct point){at.factor, at.compliance, at.steps, held};
+  const double *change = f->size > SIDE * SMALL && at.compliance > 0.0 ? at.change : NULL;
+  *found = (struct point){at.factor, at.compliance, at.steps, held, change};
   return 1;
 }
 
@@ -144,7 +146,8 @@ static void go_along(struct following *f, double done, double way, double ahead)
     const int collapsed = done != 0.0 && gain <= few * log2(way / done);
     const int flat = flat_at(here.factor, here.compliance, way, path->tolerance) &&
                      here.factor <= (1.0 + path->tolerance) * before;
-    for (int64_t i = 0; i < f->size; i++) f->slope[i] = (f->here[i] - last[i]) / (way - done);
+    for (int64_t i = 0; i < f->size; i++)
+      f->slope[i] = here.change ? here.change[i] / here.compliance : (f->here[i] - last[i]) / (way - done);
     insert(f, path->count, f->here, &here);
     if (here.factor >= path->above || collapsed || flat) {
       leave(f, f->here, 1);
@@ -255,7 +258,7 @@ static int follow(struct following *f) {
   path->count = path->ended = 0;
   insert(f, 0, path->rest, &(struct point){.held = 1});
   if (path->begin) {
-    const struct point begun = {path->factor, path->compliance, 0, 1};
+    const struct point begun = {.factor = path->factor, .compliance = path->compliance, .held = 1};
     insert(f, 1, path->begin, &begun);
     for (int64_t i = 0; i < f->size; i++) f->left[i] = path->begin[i] - path->rest[i];
     done = dot(path->push, f->left, f->size);

@@ -4,7 +4,9 @@ import assembly_scenes as scenes
 import numpy as np
 import pytest
 
+from benchmarks.growth import wall
 from poise.assembly import Analysis
+from poise.assembly.robustness.elastic_limits import inertial_loads
 from poise.assembly.statics import pair_program
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
@@ -115,6 +117,19 @@ def test_paths_are_those_of_python(block) -> None:
         again, other = (each._follow(load, 100.0, NO_DEADLINE, FACTOR_TOLERANCE, begin) for each in (compiled, python))
         assert again.points[1].factor == begin.factor
         assert again.best.factor == pytest.approx(other.best.factor, rel=2 * FACTOR_TOLERANCE)
+
+
+def test_paths_of_many_bodies_go_on_along_what_the_load_changes() -> None:
+    block = Analysis.of(wall(24)).blocks[0]
+    compiled, python = both(block)
+    python.rest = compiled.rest
+    load = inertial_loads(block) @ [1.0, 0.3, 0.0]
+    found, expected = (each._follow(load, 100.0, NO_DEADLINE, FACTOR_TOLERANCE) for each in (compiled, python))
+    assert found.best.factor == pytest.approx(expected.best.factor, rel=2 * FACTOR_TOLERANCE)
+    for first, second in zip(found.points[1:4], expected.points[1:4], strict=True):
+        assert first.factor == pytest.approx(second.factor, rel=1e-5)
+        assert first.steps == second.steps
+        assert load @ second.change == pytest.approx(second.compliance)
 
 
 def test_states_beyond_the_end_of_a_path_are_those_of_python(block) -> None:

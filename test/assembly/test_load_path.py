@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
+from poise.assembly.statics.newton_goal import Goal
 
 ONE = np.ones(1)
 
@@ -179,3 +180,20 @@ def test_beyond_the_end_of_a_path_a_state_is_looked_for_near_it():
 def test_nothing_is_looked_for_from_rest_nor_beyond_what_is_asked_nor_on_the_way(factors, ended):
     path = LoadPath([PathPoint(ONE, factor) for factor in factors], ONE, ended)
     assert look_beyond(path, lambda factor, start: PathPoint(start, factor), 2.0, 0.004) is path
+
+
+class Kink:
+    """Steps of more than a sixteenth leave more than before, as where springs open and close again."""
+
+    def moved(self, move):
+        return move
+
+    def left(self, u, load, relative, bounds=None):
+        return np.array([0.99 if 0 < u[0] <= 1 / 16 else 1.0 + 20 * u[0]])
+
+
+def test_near_an_equilibrium_few_whole_steps_leave_more_than_before():
+    goal, zero = Goal(np.zeros(1)), np.zeros(1)
+    found = [goal.search(Kink(), zero, zero, ONE, 1.0, enough=1e-4) for _ in range(4)]
+    assert found == [*[(1.0, 21.0, True)] * 3, (1 / 16, 0.99, False)]
+    assert not Goal(np.zeros(1)).search(Kink(), zero, zero, ONE, 1.0, enough=1e-6)[2]  # far from one, none does

@@ -34,6 +34,9 @@ _REACHED = 2e-4
 """What may be left of the load on each body at a point of the path of a growing load."""
 _NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
 """There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
+_SMALL = 20
+"""Up to so many bodies a state is looked for beyond the end of a path, and paths go on along the last way, which misses
+fewer peaks; with more bodies along what the load changes, which takes fewer steps."""
 _LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
 """The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 _BRIEF_LOOK = 6
@@ -185,11 +188,12 @@ class CoulombBlock:
         if not rest.stands:
             return ElasticFactor(0.0, True, rest.displacement)
         most = min(above, expected)
-        path = self._follow(load, most, deadline, tolerance, look=True)
+        look = self.geometry.count <= _SMALL
+        path = self._follow(load, most, deadline, tolerance, look=look)
         if len(path.points) == 1 and not deadline.passed:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
             # everything far; what contacts that stick would yield leads to where some stick again.
-            path = self._follow(load, most, deadline, tolerance, response=self._glued(load), look=True)
+            path = self._follow(load, most, deadline, tolerance, response=self._glued(load), look=look)
         if not path.ended and len(path.points) > 1:
             path = self._go_on(path, load, most, tolerance, deadline)
         best = path.best
@@ -337,16 +341,17 @@ class CoulombBlock:
         enough = _SETTLED / 10 * (self._weight or 1.0)
         if compiled is not None:
             u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, steps, deadline)
+            change = None
         else:
             goal = Goal(gravity, push=load)
             u, left, steps = self._steps(goal, start, enough, steps, deadline)
-            factor, compliance = goal.factor, goal.compliance
+            factor, compliance, change = goal.factor, goal.compliance, goal.change
         total = gravity + factor * load
         size = max(math.sqrt(float(total @ total)), self._weight)
         if left > _SETTLED * size and (left > _REACHED * size or self._share(self._left(u, total), total) > _REACHED):
             return None
         held = self._share(self.contacts.catch * u, total) <= _CARRIED
-        return PathPoint(u, factor, held, compliance, steps)
+        return PathPoint(u, factor, held, compliance, steps, change if self.geometry.count > _SMALL else None)
 
     def _descend(self, load: Array, start: Array, bounds: Array | None, steps: int, deadline: Deadline) -> Array:
         """The displacement after damped Newton steps that lessen what is left; with bounds (P,), the energy."""
@@ -375,11 +380,11 @@ class CoulombBlock:
                     break
                 earlier = min(earlier, value)
             move, factor = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest), goal.factor
-            length, new = goal.search(contacts, u, relative, move, value) if np.isfinite(move).all() else (0.0, np.inf)
-            if new < value:
+            length, new, leap = goal.search(contacts, u, relative, move, value, enough)
+            if leap or new < value:
                 u, relative = u + length * move, relative + length * contacts.moved(move)
                 value, rest = goal.merit(contacts, u, relative)
-                full = full + 1 if length == 1 else 0
+                full = full + 1 if length == 1 and not leap else 0
                 if full >= _AGAIN or (full and damping <= _LITTLE):
                     damping = damping / 10 if damping > 1e-7 else 0.0
             else:

@@ -41,6 +41,7 @@ class PathPoint:
         held: the contacts alone carry the load.
         compliance: power of the load on the change of the displacement by it; 0: not known.
         steps: Newton steps taken.
+        change: (6 n,) of the displacement by the load, in the last step; None: the way there is followed on instead.
     """
 
     displacement: Array
@@ -48,6 +49,7 @@ class PathPoint:
     held: bool = True
     compliance: float = 0.0
     steps: int = 0
+    change: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +155,10 @@ def _followed(
         flat = flat_at(here, way, tolerance) and here.factor <= (1 + tolerance) * last.factor
         if here.factor >= above or collapsed or flat:
             return LoadPath(points, here.displacement, True)
-        slope = (here.displacement - last.displacement) / (way - done)
+        if here.change is not None and here.compliance > 0:
+            slope = here.change / here.compliance
+        else:
+            slope = (here.displacement - last.displacement) / (way - done)
         longest = longest if here.steps > _MANY else min(longest, _AFTER_FEW) ** 2
         ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way

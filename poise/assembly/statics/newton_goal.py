@@ -9,13 +9,18 @@ from poise.types import Array
 
 _LENGTHS, _GOOD = 5, 0.5
 """Lengths of a step that are tried, each half of the one before, until one lessens what is left to this share."""
+_SHORT, _LEAP, _LEAPS, _NEAR = 0.2, 100.0, 3, 1e5
+"""A leap is a whole step that leaves up to so many times as much, where the best length is less: a few springs open,
+close or slip back and forth, and short steps do not get beyond that. So many are taken, near an equilibrium: where no
+more than so many times what is enough is left."""
 
 
 @dataclass(eq=False)
 class Goal:
     """What Newton steps look for: the equilibrium under a load, with friction bounds (P,) or as Coulomb says.
 
-    Or with a factor of a push that the displacement decides: the power of the push on it does not change.
+    Or with a factor of a push that the displacement decides: the power of the push on it does not change. `change`
+    (6 n,) is that of the displacement by the push in the last step, `compliance` the power of the push on it.
     """
 
     load: Array
@@ -23,6 +28,8 @@ class Goal:
     push: Array | None = None
     factor: float = 0.0
     compliance: float = 0.0
+    change: Array | None = None
+    leaps: int = 0
 
     def step(self, jacobian: Stiffness, rest: Array) -> Array:
         """(6 n,) the Newton step; not finite where the stiffness is singular."""
@@ -30,29 +37,36 @@ class Goal:
             move = -jacobian.solve(rest)
             if self.push is not None:
                 along = jacobian.solve(self.push)
-                self.compliance = float(self.push @ along)
+                self.compliance, self.change = float(self.push @ along), along
                 move -= float(self.push @ move) / self.compliance * along
         except np.linalg.LinAlgError:
             return np.full_like(rest, np.nan)
         return move
 
     def search(
-        self, contacts: ElasticContacts, u: Array, relative: Array, move: Array, value: float
-    ) -> tuple[float, float]:
-        """How long a step from a displacement of merit `value` is best, and the merit there.
+        self, contacts: ElasticContacts, u: Array, relative: Array, move: Array, value: float, enough: float
+    ) -> tuple[float, float, bool]:
+        """How long a step from a displacement of merit `value` is best, the merit there, and whether it is a leap.
 
         The first length that halves what is left (of an energy: that lessens it), otherwise the best one of those
-        tried.
+        tried, or a leap.
         """
+        if not np.isfinite(move).all():
+            return 0.0, np.inf, False
         moved, good = contacts.moved(move), value if self.bounds is not None else _GOOD * value
-        best, least = 0.0, np.inf
+        best, least, whole = 0.0, np.inf, np.inf
         for length in 0.5 ** np.arange(_LENGTHS):
             new, _ = self.merit(contacts, u + length * move, relative + length * moved)
+            whole = new if length == 1 else whole
             if new < least:
                 best, least = float(length), new
             if new < good:
-                break
-        return best, least
+                return best, least, False
+        short = best < _SHORT or not least < value
+        if short and whole < _LEAP * value <= _LEAP * _NEAR * enough and self.bounds is None and self.leaps < _LEAPS:
+            self.leaps += 1
+            return 1.0, whole, True
+        return best, least, False
 
     def merit(self, contacts: ElasticContacts, u: Array, relative: Array) -> tuple[float, Array]:
         """Of a displacement: the size of what is left, or the energy with friction bounds; and (6 n,) what is left."""
