@@ -26,6 +26,7 @@ _DENSE, _PIXEL, _BEHIND = 100_000, 1e-3, 2e-3
 """Points that a view is computed with, its pixels in m, and how far behind the nearest a point is hidden, m."""
 _GRAZING = 0.1
 """Cosine to the view below which a surface is not seen."""
+_SAME = 0.1
 _BOTTOM, _RIM = 0.6, 0.5
 """Cosine of what faces down, and share of the height in which it is the bottom."""
 
@@ -61,6 +62,11 @@ def _drawn(shape: ClosedShape, rng: np.random.Generator) -> tuple[Array, Array]:
     own = rng.choice(len(areas), _DENSE, p=areas / areas.sum())
     points = np.einsum("nk,nki->ni", rng.dirichlet(np.ones(3), _DENSE), corners[own])
     return points, across[own] / areas[own, None]
+
+
+def _filled(shape: SeenShape) -> bool:
+    """Whether what its outside encloses is its volume: some are shells, open by cracks."""
+    return abs(shape.filled.volume / shape.volume - 1) < _SAME
 
 
 def _way(rng: np.random.Generator) -> Array:
@@ -166,20 +172,25 @@ def measure(points: Array, shape: ClosedShape, world: str, case: str, noise: flo
     return Record(*known, ratio, std, np.nan, np.nan, found.n_parts, seconds, " | ".join(found.notes))
 
 
-def table(records: list[Record], worlds: list[str]) -> Table:
+def table(records: list[Record]) -> Table:
     """A row for each case."""
     made = Table(title="clouds that are not the whole surface", title_justify="left")
     headings = "refused", "within 15 %", "beyond 2 sigma", "of these without a note", "volume, middle", "sigma, middle"
-    for heading in ("case", "clouds", *headings):
+    for heading in ("case", "noise, mm", "clouds", *headings):
         made.add_column(heading, justify="right")
-    for case in dict.fromkeys(one.family for one in records):
-        rows = [one for one in records if one.family == case]
+    for case, noise in dict.fromkeys((one.family, one.noise) for one in records):
+        rows = [one for one in records if (one.family, one.noise) == (case, noise)]
         good = [one for one in rows if np.isfinite(one.volume)]
         wrong = [one for one in good if abs(one.score) > 2]
         silent = [one for one in wrong if not one.message]
         middles = [f"{np.median(of):.2f}" if of else "-" for of in ([g.volume for g in good], [g.std for g in good])]
         near = sum(abs(one.volume - 1) < 0.15 for one in good)
-        made.add_row(case, *map(str, (len(rows), len(rows) - len(good), near, len(wrong), len(silent))), *middles)
+        made.add_row(
+            case,
+            f"{1e3 * noise:.1f}",
+            *map(str, (len(rows), len(rows) - len(good), near, len(wrong), len(silent))),
+            *middles,
+        )
     return made
 
 
@@ -198,7 +209,7 @@ def main() -> None:
     for world in chosen.worlds:
         for seed in range(chosen.first, chosen.first + chosen.objects):
             shape = WORLDS[world](seed)
-            if not len(shape.triangles):
+            if not len(shape.triangles) or (isinstance(shape, SeenShape) and not _filled(shape)):
                 continue
             for case, noise in itertools.product(chosen.cases, chosen.noise):
                 points = cloud(shape, case, 1e-3 * noise, chosen.points, seed)
@@ -207,7 +218,7 @@ def main() -> None:
                 if chosen.each:
                     stated = f"{one.volume:.3f} ± {one.std:.3f} z {one.score:+.1f}"
                     print(f"{shape.name:20} {case:15} {noise:.0f} mm {stated}  {one.message[:300]}", flush=True)
-    console.print(table(records, chosen.worlds))
+    console.print(table(sorted(records, key=lambda one: one.noise)))
 
 
 if __name__ == "__main__":

@@ -40,24 +40,10 @@ def check_coverage(
     Raises:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
     """
-    bare, doubt = missing.bare, carved.volume_std / carved.volume
-    if bare > _BARE_ERROR or doubt > _STD_ERROR:
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE,
-            f"cloud: {bare:.0%} of its points have nothing behind them and the volume is uncertain by {doubt:.0%}: "
-            f"some sides of the object are missing; {_REMEDY}",
-            bare=bare,
-        )
-    if missing.single > _SINGLE_ERROR or (missing.share > 0 and solid.volume_std > solid.volume):
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE,
-            f"cloud: {missing.single:.0%} of the surface is one layer of points: it was seen from one side only, or is"
-            f" as thin as the noise; {_REMEDY}, or give points with less noise",
-            single=missing.single,
-        )
+    _refuse(carved, solid, missing)
     notes = []
     doubt = solid.volume_std / max(solid.volume, 1e-12)
-    if bare > _BARE_NOTE or doubt > _STD_NOTE:
+    if missing.bare > _BARE_NOTE or doubt > _STD_NOTE:
         notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_REMEDY}")
     for face in missing.faces[:1]:
         place = ", ".join(f"{1e3 * value:.0f}" for value in face.middle)
@@ -86,6 +72,25 @@ def check_coverage(
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
     return tuple(notes)
+
+
+def _refuse(carved: Solid, solid: Solid, missing: Missing) -> None:
+    """Raise what `check_coverage` raises; arguments as there."""
+    bare, doubt = missing.bare, carved.volume_std / carved.volume
+    if bare > _BARE_ERROR or doubt > _STD_ERROR:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"cloud: {bare:.0%} of its points have nothing behind them and the volume is uncertain by {doubt:.0%}: "
+            f"some sides of the object are missing; {_REMEDY}",
+            bare=bare,
+        )
+    if missing.single > _SINGLE_ERROR or (missing.share > 0 and solid.volume_std > solid.volume):
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"cloud: {missing.single:.0%} of the surface is one layer of points: it was seen from one side only, or is"
+            f" as thin as the noise; {_REMEDY}, or give points with less noise",
+            single=missing.single,
+        )
 
 
 def piece_volumes(solid: Solid) -> Array:

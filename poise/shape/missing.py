@@ -1,8 +1,8 @@
 """Surface that a cloud does not show: where it is one layer with nothing behind it, and flat faces without any point.
 
-A reconstruction is closed whatever the cloud shows. Of a surface that was seen from one side only it is a thin shell,
-whose two sides are the same layer of points; where an end was not seen, it is cut off flat. Neither differs from a
-plate, or from a shorter object, in its shape: only the places of the points tell them apart.
+A reconstruction is always closed. Of a surface that was seen from one side only it is a thin shell, whose two sides are
+the same layer of points; where an end was not seen, the solid is cut off flat. Such solids have the shape of a plate, or
+of a shorter object: only the places of the points distinguish them.
 """
 
 from dataclasses import dataclass
