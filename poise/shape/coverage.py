@@ -51,6 +51,11 @@ def check_coverage(
             f"a flat face of {1e4 * face.area:.2g} cm2 at ({place}) mm has no points: the object was closed there, but"
             f" it may go on, which volume_std includes; {_REMEDY}"
         )
+    if missing.image:
+        notes.append(
+            "one half of the solid has fewer points, and is the mirror image of the other half: if a glossy table shows"
+            f" the object again below it, the volume is {1e6 * solid.volume / 2:.3g} cm3; leave out what is below"
+        )
     if inside > _INSIDE_NOTE:
         notes.append(
             f"{inside:.0%} of the points lie inside: the object is hollow, with an opening that is too narrow for their"

@@ -1,8 +1,8 @@
 """Surface that a cloud does not show: where it is one layer with nothing behind it, and flat faces without any point.
 
-A reconstruction is always closed. Of a surface that was seen from one side only it is a thin shell, whose two sides are
-the same layer of points; where an end was not seen, the solid is cut off flat. Such solids have the shape of a plate, or
-of a shorter object: only the places of the points distinguish them.
+A reconstruction is always closed. Of a surface that was seen from one side only it is a thin shell, whose two sides
+are the same layer of points; where an end was not seen, the solid is cut off flat. Such solids have the shape of a
+plate, or of a shorter object: only the places of the points distinguish them.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from poise.geometry import cross
 from poise.shape.nearest import nearest
+from poise.shape.reflections import has_mirror_image
 from poise.shape.solid import Solid
 from poise.shape.spacing import Spacing
 from poise.shape.surface_graph import facing_of, unit_normals
@@ -52,6 +53,8 @@ _BY_SINGLE, _SINGLE = 4.0, 0.09
 """The same for the share of the surface that is one layer."""
 _BY_FACE = 0.6
 """The same where there is a bare face: of an object that goes on there, half may be missing."""
+_BY_IMAGE = 0.3
+"""The same where half of the solid may be a mirror image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +78,14 @@ class Missing:
         bare: share of the points that have nothing behind them.
         single: share of the surface that is one layer of points.
         faces: without points, the largest first.
+        image: half of the solid is likely the mirror image of the other half.
         share: of the volume, one sigma that follows.
     """
 
     bare: float = 0.0
     single: float = 0.0
     faces: tuple[BareFace, ...] = ()
+    image: bool = False
     share: float = 0.0
 
 
@@ -101,12 +106,15 @@ def missing_of(carved: Solid, moved: Solid, noise: float, points: Array, spacing
     bare = bare_share(carved)
     single = single_layer(moved, cloud, spacing.usual, rng)
     faces = bare_faces(moved, cloud, spacing.around * np.sqrt(min(1.0, taken / len(cloud))), rng)
+    evened = taken > len(carved.vertices)  # a close view of a small place has other densities
+    image = not evened and has_mirror_image(moved, points, spacing.usual)
     shares = [
         _BY_BARE * max(bare - _BARE - _BARE_NOISE * thickness, 0.0),
         _BY_SINGLE * max(single - _SINGLE, 0.0),
         _BY_FACE * bool(faces),
+        _BY_IMAGE * image,
     ]
-    return Missing(bare, single, faces, float(np.linalg.norm(shares)))
+    return Missing(bare, single, faces, image, float(np.linalg.norm(shares)))
 
 
 def bare_share(solid: Solid) -> float:

@@ -47,3 +47,16 @@ def test_whole_things_miss_nothing(sides: tuple[float, float, float], noise: flo
     assert made.missing.share < 0.1
     assert not made.missing.faces
     assert made.solid.volume_std < 0.2 * made.solid.volume
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_mirror_image_below_a_table_is_named(noise: float) -> None:
+    rng = np.random.default_rng(8)
+    whole = samples.box(rng, (0.1, 0.06, 0.04), 3000, np.array([0.0, 0.0, 0.02]))
+    seen = whole[whole[:, 2] > 1e-3]
+    image = seen[rng.random(len(seen)) < 0.4] * [1, 1, -1]
+    found = segment(_noisy(np.concatenate([seen, image]), noise))
+    assert any("mirror image" in note for note in found.notes)
+    assert abs(found.solid.volume - 0.1 * 0.06 * 0.04) < 2 * found.solid.volume_std
+    doubled = np.concatenate([whole, whole * [1, 1, -1]])
+    assert not reconstruct(_noisy(doubled[np.abs(doubled[:, 2]) > 1e-3], noise), 2500).missing.image
