@@ -45,17 +45,7 @@ def check_coverage(
     doubt = solid.volume_std / max(solid.volume, 1e-12)
     if missing.bare > _BARE_NOTE or doubt > _STD_NOTE:
         notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_REMEDY}")
-    for face in missing.faces[:1]:
-        place = ", ".join(f"{1e3 * value:.0f}" for value in face.middle)
-        notes.append(
-            f"a flat face of {1e4 * face.area:.2g} cm2 at ({place}) mm has no points: the object was closed there, but"
-            f" it may go on, which volume_std includes; {_REMEDY}"
-        )
-    if missing.image:
-        notes.append(
-            "one half of the solid has fewer points, and is the mirror image of the other half: if a glossy table shows"
-            f" the object again below it, the volume is {1e6 * solid.volume / 2:.3g} cm3; leave out what is below"
-        )
+    notes += _sentences(solid, missing)
     if inside > _INSIDE_NOTE:
         notes.append(
             f"{inside:.0%} of the points lie inside: the object is hollow, with an opening that is too narrow for their"
@@ -77,6 +67,23 @@ def check_coverage(
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
     return tuple(notes)
+
+
+def _sentences(solid: Solid, missing: Missing) -> list[str]:
+    """What is said of surface that the points do not show, or show twice."""
+    notes = []
+    for face in missing.faces[:1]:
+        place = ", ".join(f"{1e3 * value:.0f}" for value in face.middle)
+        notes.append(
+            f"a flat face of {1e4 * face.area:.2g} cm2 at ({place}) mm has no points: the object was closed there, but"
+            f" it may go on, which volume_std includes; {_REMEDY}"
+        )
+    if missing.image:
+        notes.append(
+            "one half of the solid has fewer points, and is the mirror image of the other half: if a glossy table shows"
+            f" the object again below it, the volume is {1e6 * solid.volume / 2:.3g} cm3; leave out what is below"
+        )
+    return notes
 
 
 def _refuse(carved: Solid, solid: Solid, missing: Missing) -> None:
