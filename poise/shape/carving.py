@@ -17,10 +17,10 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
 from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
-from poise.shape.coverage import bare_share
+from poise.shape.missing import bare_share
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
-from poise.shape.spacing import NEIGHBOURS, coarseness
+from poise.shape.spacing import Spacing, spacing_of
 from poise.types import Array, Indices, Mask
 
 _BALL = 2.4
@@ -51,20 +51,14 @@ _PLANE_LIKE, _FLAT = 1e-6, 1e-8
 _TINY = 1e-30
 
 
-def spacing_of(points: Array) -> float:
-    """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = nearest(points, points, NEIGHBOURS + 1)[0]
-    return float(np.median(distances[:, 1:].mean(axis=1)))
-
-
 def carve(
-    points: Array, spacing: float | None = None, depth: float | None = None, normals: Array | None = None
+    points: Array, spacing: Spacing | None = None, depth: float | None = None, normals: Array | None = None
 ) -> Solid:
     """The solid whose surface the points lie on.
 
     Args:
         points: (N, 3) m, on the whole surface, in any order.
-        spacing: m between neighbours; None: as measured.
+        spacing: between neighbours; None: as measured.
         depth: m, how deep inside a point has to lie to say that there is a pocket (see `_pockets`); None: at no depth.
         normals: (N, 3) outward unit normals, where they were measured.
 
@@ -84,12 +78,12 @@ class Stone:
         InputError: as `carve`.
     """
 
-    def __init__(self, points: Array, spacing: float | None = None) -> None:
+    def __init__(self, points: Array, spacing: Spacing | None = None) -> None:
         if len(points) < _FEWEST_POINTS:
             raise InputError(
                 ErrorCode.SCAN_INCOMPLETE, f"cloud: {len(points)} points are too few for a surface; scan it again"
             )
-        spacing = spacing_of(points) if spacing is None else spacing
+        self.spacing = spacing_of(points) if spacing is None else spacing
         try:
             tetrahedra, neighbours = _delaunay(points - points.mean(axis=0))
         except (QhullError, np.linalg.LinAlgError) as error:
@@ -98,9 +92,9 @@ class Stone:
             ) from error
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
         self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
-        self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * spacing**2
-        reach, order, parents = _reach(points, coarseness(points, spacing), tetrahedra, neighbours)
-        self._tree = reach / spacing, order, parents
+        self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * self.spacing.usual**2
+        reach, order, parents = _reach(points, self.spacing.coarseness, tetrahedra, neighbours)
+        self._tree = reach / self.spacing.usual, order, parents
 
     def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
         """The solid; arguments and errors as of the function `carve`."""

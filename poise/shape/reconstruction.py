@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.carving import Stone, carve, depths_below, spacing_of
+from poise.shape.carving import Stone, carve, depths_below
 from poise.shape.matching import matched
+from poise.shape.missing import Missing, bare_share, missing_of
 from poise.shape.solid import Solid
+from poise.shape.spacing import Spacing, spacing_of
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
 from poise.shape.surface_graph import unit_normals
 from poise.shape.thinning import evened, thin
@@ -45,6 +47,7 @@ _LEAST_KEPT = 0.03
 _HALVINGS = 6
 _FLAT = 1e14
 """Condition of a pseudo-inertia above which it is singular."""
+_NOTHING_MISSING = Missing()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,7 @@ class Reconstruction:
         spacing: m between vertices.
         inside: share of the points that lie deep inside: of the walls of a hollow that no ball enters.
         misfit: m, by which the points spread about the surface, besides the noise: they may lie in layers.
+        missing: surface that the points do not show; only `bare` where a scan says what it completed.
     """
 
     solid: Solid
@@ -68,6 +72,7 @@ class Reconstruction:
     spacing: float
     inside: float = 0.0
     misfit: float = 0.0
+    missing: Missing = _NOTHING_MISSING
 
 
 def reconstruct(
@@ -92,21 +97,25 @@ def reconstruct(
         InputError: as `carve`.
     """
     rng = np.random.default_rng(0)
-    rows = thin(points, wanted)
-    draft = _drafted(points, rows[evened(points[rows])], noise, normals, rng)
-    if draft.noise > _THICK * draft.spacing and len(points) > wanted:
-        rows = np.sort(rng.permutation(len(points))[:wanted])
-        draft = _drafted(points, rows[evened(points[rows])], noise, normals, rng)
+    draft = _drafted(points, thin(points, wanted), noise, normals, rng)
+    if draft.noise > _THICK * draft.spacing.usual and len(points) > wanted:
+        draft = _drafted(points, np.sort(rng.permutation(len(points))[:wanted]), noise, normals, rng)
     draft = _averaged(draft, points, rng)
-    guess = max(draft.noise, _LEAST_NOISE * draft.spacing)
-    found = matched(draft.carved, points, guess, draft.spacing, rng, noise is not None)
-    inside = _inside(draft.carved, _DEEP * draft.spacing + _BURIED * found.noise)
+    spacing = draft.spacing.usual
+    guess = max(draft.noise, _LEAST_NOISE * spacing)
+    found = matched(draft.carved, points, guess, spacing, rng, noise is not None)
+    inside = _inside(draft.carved, _DEEP * spacing + _BURIED * found.noise)
+    if seen is None:
+        missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
+    else:
+        missing = Missing(bare_share(draft.carved))
     hidden = 0.0 if seen is None else _hidden(found.solid, draft.rows, seen, doubt)
     hidden = _widened(hidden, max(found.solid.volume, _LEAST_KEPT * draft.carved.volume))
     layers = _BY_MISFIT * found.misfit * float(found.solid.areas.sum())
-    spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers]))
+    unseen = missing.share * found.solid.volume
+    spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers, unseen]))
     solid = replace(found.solid, volume_std=spread)
-    return Reconstruction(solid, draft.carved, draft.rows, found.noise, draft.spacing, inside, found.misfit)
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, spacing, inside, found.misfit, missing)
 
 
 def _inside(carved: Solid, depth: float) -> float:
@@ -122,15 +131,18 @@ class _Draft:
     rows: Indices
     normals: Array
     noise: float
-    spacing: float
+    spacing: Spacing
+    taken: int
+    """Points that were taken of the cloud, before it was evened."""
 
 
 def _drafted(
     points: Array, rows: Indices, noise: float | None, given: Array | None, rng: np.random.Generator
 ) -> _Draft:
-    vertices = points[rows]
-    spacing = spacing_of(vertices)
-    stone = Stone(vertices, spacing)
+    kept, around = evened(points[rows])
+    taken, rows = len(rows), rows[kept]
+    vertices, spacing = points[rows], around.usual
+    stone = Stone(vertices, around)
     carved = stone.carve()
     normals = side_normals(carved, 2 * spacing)
     measured = None if given is None else _trusted(given[rows], carved)
@@ -138,7 +150,7 @@ def _drafted(
     if guess < _SEEN_POCKETS * spacing:
         carved = stone.carve(_DEEP * spacing + _BURIED * guess, measured)
         normals = side_normals(carved, 2 * spacing)
-    return _Draft(carved, rows, normals if measured is None else measured, guess, spacing)
+    return _Draft(carved, rows, normals if measured is None else measured, guess, around, taken)
 
 
 def _trusted(normals: Array, carved: Solid) -> Array | None:
@@ -151,8 +163,8 @@ def _trusted(normals: Array, carved: Solid) -> Array | None:
 def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
     """The draft with its vertices on smooth surfaces through all points near them, if there are enough."""
     density = min(len(points), _CLOUD) / len(draft.rows)
-    count = np.pi * (_REACH * draft.noise / draft.spacing) ** 2 * density
-    if count < _FEWEST / 2 or draft.noise < _THICK * draft.spacing:
+    count = np.pi * (_REACH * draft.noise / draft.spacing.usual) ** 2 * density
+    if count < _FEWEST / 2 or draft.noise < _THICK * draft.spacing.usual:
         return draft
     vertices = draft.carved.vertices
     cloud = points if len(points) <= _CLOUD else points[rng.permutation(len(points))[:_CLOUD]]
@@ -162,7 +174,7 @@ def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
         heights = fitted_heights((cloud, sides), (vertices, draft.normals), asked)[0]
         vertices = vertices + heights[:, None] * draft.normals
     spacing = spacing_of(vertices)
-    carved = carve(vertices, spacing, _DEEP * spacing + _BURIED * draft.noise / np.sqrt(asked))
+    carved = carve(vertices, spacing, _DEEP * spacing.usual + _BURIED * draft.noise / np.sqrt(asked))
     return replace(draft, carved=carved, spacing=spacing)
 
 
@@ -196,7 +208,7 @@ def _spread(solid: Solid, draft: _Draft, noise: float, inside: float) -> float:
     shares = [
         _FLOOR,
         _BY_NOISE * (noise / thickness) ** 2,
-        _BY_SPACING * (draft.spacing / thickness) ** 2,
+        _BY_SPACING * (draft.spacing.usual / thickness) ** 2,
         _BY_BALL * draft.carved.volume_std / draft.carved.volume,
         _BY_INSIDE * max(inside - _INSIDE, 0.0),
     ]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from poise.geometry import unique_rows
-from poise.shape.spacing import local_spacing
+from poise.shape.spacing import Spacing, spacing_of
 from poise.types import Array, Indices
 
 _ROUNDS = 12
@@ -37,21 +37,22 @@ def thin(points: Array, wanted: int) -> Indices:
     return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
 
 
-def evened(points: Array) -> Indices:
+def evened(points: Array) -> tuple[Indices, Spacing]:
     """Rows of (N, 3) points to keep where most are on a small share of the surface, as in a close view; else all.
 
     Half of the surface, at least, is left as dense as it is.
 
     Returns:
-        (M,) increasing.
+        (M,) increasing, and the spacing of the points that are kept.
     """
-    spacing = local_spacing(points)
-    order = np.argsort(spacing)
-    covered = np.cumsum(spacing[order] ** 2)  # each point stands for the square of its spacing
-    usual = spacing[order[np.searchsorted(covered, covered[-1] / 2)]]
-    if usual <= _UNEVEN * np.median(spacing):
-        return np.arange(len(points))
-    return thin(points, int(np.sum(np.minimum(spacing / usual, 1.0) ** 2)))
+    spacing = spacing_of(points)
+    order = np.argsort(spacing.around)
+    covered = np.cumsum(spacing.around[order] ** 2)  # each point stands for the square of its spacing
+    usual = spacing.around[order[np.searchsorted(covered, covered[-1] / 2)]]
+    if usual <= _UNEVEN * np.median(spacing.around):
+        return np.arange(len(points)), spacing
+    rows = thin(points, int(np.sum(np.minimum(spacing.around / usual, 1.0) ** 2)))
+    return rows, spacing_of(points[rows])
 
 
 def _cells(points: Array, cube: float) -> Indices:

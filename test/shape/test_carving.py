@@ -7,8 +7,8 @@ import shape_samples as samples
 from poise.errors import ErrorCode, InputError
 from poise.shape.carving import _least_to_root as least_to_root
 from poise.shape.carving import _to_triangles as to_triangles
-from poise.shape.carving import carve, depths_below, depths_inside, spacing_of
-from poise.shape.spacing import coarseness
+from poise.shape.carving import carve, depths_below, depths_inside
+from poise.shape.spacing import spacing_of
 
 COUNT = 2000
 
@@ -61,13 +61,13 @@ def test_a_ball_does_not_pass_where_points_are_sparse(sides: tuple[float, float,
     many = samples.box(rng, sides, 20 * COUNT)
     weights = 16 ** -(many[:, 0] / sides[0])
     points = many[rng.choice(len(many), COUNT, replace=False, p=weights / weights.sum())]
-    assert coarseness(points, spacing_of(points)).max() > 1.5
+    assert spacing_of(points).coarseness.max() > 1.5
     assert carve(points).volume == pytest.approx(np.prod(sides), rel=0.1)
 
 
 def test_even_points_are_not_sparse() -> None:
     for points, _ in clouds().values():
-        assert np.mean(coarseness(points, spacing_of(points)) > 1.0) < 0.05
+        assert np.mean(spacing_of(points).coarseness > 1.0) < 0.05
 
 
 def test_what_has_no_volume_is_refused() -> None:
