@@ -142,7 +142,8 @@ def rigs(seed_set: str, count: int) -> Iterator[Case]:
 def outcome(case: Case, kind: str) -> tuple[str, str]:
     """What the tool says of a broken recording, and its names or words."""
     change, words, effect = BREAKS[kind]
-    assert case.streams.wrench is not None
+    if case.streams.wrench is None:
+        raise ValueError("the rig has no wrench")
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "case"
         replace(case, streams=change(case.streams, case.streams.wrench)).write(folder)
