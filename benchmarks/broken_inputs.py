@@ -134,7 +134,7 @@ BREAKS: dict[str, tuple[Break, str, str]] = {
 
 def rigs(seed_set: str, count: int) -> Iterator[Case]:
     """Healthy recordings with a wrench of robots with at least six joints."""
-    made = map(make_case, plans(seed_set, 10 * count))
+    made = (make_case(plan) for plan in plans(seed_set, 40 * count) if plan.kind == "healthy")
     fit = (case for case in made if case.streams.wrench is not None and len(case.streams.names) >= 6)
     return islice(fit, count)
 

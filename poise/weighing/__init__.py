@@ -16,6 +16,7 @@ from poise.weighing.fixed_errors import (
     SIGN_ERRORS,
     TORQUE_UNIT_ERRORS,
     FixedError,
+    both_units,
     on_both,
 )
 from poise.weighing.reading import Repair
@@ -40,6 +41,7 @@ __all__ = [
     "FixedError",
     "Repair",
     "after_repair",
+    "both_units",
     "causes_of",
     "find_causes",
     "findings_of",

@@ -106,5 +106,17 @@ def _unit_error(unit: str, factor: float) -> FixedError:
     )
 
 
+def both_units(force: FixedError, torque: FixedError) -> FixedError:
+    """Force and torque each in another unit."""
+    what = f"{force.sentence}; {torque.sentence}"
+    return FixedError(force.code, what, force.matrix @ torque.matrix, _ONE_OF_MANY)
+
+
 FORCE_UNIT_ERRORS = tuple(_unit_error(*each) for each in _FORCES.items())
 TORQUE_UNIT_ERRORS = tuple(_unit_error(*each) for each in _TORQUES.items())
+IMPERIAL_ERRORS = tuple(
+    both_units(force, torque)
+    for force in FORCE_UNIT_ERRORS
+    for torque in TORQUE_UNIT_ERRORS
+    if "lbf" in force.sentence and "lbf" in torque.sentence
+)

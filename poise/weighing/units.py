@@ -6,18 +6,20 @@ from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, explain
-from poise.weighing.fixed_errors import FORCE_UNIT_ERRORS, TORQUE_UNIT_ERRORS
+from poise.weighing.fixed_errors import FORCE_UNIT_ERRORS, IMPERIAL_ERRORS, TORQUE_UNIT_ERRORS
 from poise.weighing.reading import Reading, fixed_reading
 
 
 def wrong_units(samples: FitSamples, plain: Explanation) -> list[Reading]:
-    """Every unit of force, and of torque, alone."""
+    """Every unit of force, and of torque, alone; pounds of both."""
     del plain
     ratio, std = _free_ratio(samples)
     known = np.isfinite(ratio)
     measured = f"; m c in the torque is {ratio:.3g} +- {std:.1g} times that in the force" if known else ""
     more = {"torque_per_force": ratio, "torque_per_force_std": std}
-    return [fixed_reading(error, measured, more) for error in (*FORCE_UNIT_ERRORS, *TORQUE_UNIT_ERRORS)]
+    return [
+        fixed_reading(error, measured, more) for error in (*FORCE_UNIT_ERRORS, *TORQUE_UNIT_ERRORS, *IMPERIAL_ERRORS)
+    ]
 
 
 def _free_ratio(samples: FitSamples) -> tuple[float, float]:

@@ -161,7 +161,7 @@ def test_a_payload_that_is_absent_is_a_finding(tmp_path: Path, case: Case, robot
 
 
 @pytest.mark.parametrize(
-    ("spoilt", "word"), [("still", "sensor on"), ("torque", "torque alone"), ("short", "at the least")]
+    ("spoilt", "word"), [("still", "sensor on"), ("torque", "torque has the opposite sign"), ("short", "at the least")]
 )
 def test_a_recording_that_cannot_be_right_is_refused_in_words(
     spoilt: str, word: str, tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]

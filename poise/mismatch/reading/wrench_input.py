@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import product, starmap
 
 import numpy as np
 
@@ -17,11 +17,12 @@ from poise.weighing import (
     SIGN_ERRORS,
     TORQUE_UNIT_ERRORS,
     FixedError,
+    both_units,
     on_both,
 )
 
 _PARTS = (slice(0, 3), slice(3, 6))
-_EXPLAINED = 0.2
+_EXPLAINED = 0.1
 """Share of the variance of the force, or of the torque, that an error of the driver leaves at most."""
 _WRONG, _MATERIAL = 0.5, 0.05
 """Shares of the variance of the channels that an error concerns, and of their force or torque, that the model leaves
@@ -36,8 +37,8 @@ _WRONG_PAYLOAD, _EXACT, _FAR = 2.0, 1.05, 20.0
 """Factor by which the payload of the model may be off, beside a unit within `_FAR` and beyond: both are factors."""
 _LONGEST_LAG, _SHORTEST_LAG, _LAG_STEP = 10.0, 0.3, 0.02
 """s: clock errors that are looked for; shorter ones are effects of the library."""
-_ALIGNED, _MISALIGNED = 0.95, 0.8
-"""Correlations of wrench and model with the right clock and with the recorded one."""
+_ALIGNED, _MISALIGNED = 0.95, 5.0
+"""Least correlation of wrench and model with the right clock, and by how much less the recorded clock has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +71,20 @@ class WrenchMoments:
         own = np.diag(self.read)
         return np.concatenate([own[part] / max(own[part].sum(), 1e-12) for part in _PARTS])
 
-    def left(self, matrix: Array, factor: float) -> Array:
+    def left(self, matrix: Array, factor: float, unit: bool = False) -> Array:
         """(6,) variance of each channel that the model seen through a matrix leaves, relative to that of its part.
 
-        The load may differ from the model's by a factor.
+        The load may differ from the model's by a factor: of a unit, not by more; else, the rest is left.
         """
         own, both = np.diag(self.read), np.diag(self.cross @ matrix.T)
         seen = np.diag(matrix @ self.expected @ matrix.T)
         left = np.zeros(6)
         for part in _PARTS:
-            gain = np.clip(both[part].sum() / max(seen[part].sum(), 1e-12), 1.0 / factor, factor)
+            best = both[part].sum() / max(seen[part].sum(), 1e-12)
+            gain = np.clip(best, 1.0 / factor, factor)
+            if unit and gain != best:
+                left[part] = 1.0
+                continue
             energy = own[part] - 2.0 * gain * both[part] + gain**2 * seen[part]
             left[part] = energy / max(own[part].sum(), 1e-12)
         return left
@@ -102,7 +107,7 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
     error = _error(recorded, moments)
     if error is not None:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}", cause=error.code.name)
-    lag = _lag(recorded) if moments.unexplained.max() > _EXPLAINED else 0.0
+    lag = _lag(recorded) if moments.unexplained.max() > _MATERIAL else 0.0
     if lag:
         raise InputError(
             ErrorCode.BAD_INPUT,
@@ -117,7 +122,7 @@ def _error(recorded: RecordedMotion, moments: WrenchMoments) -> FixedError | Non
     without = moments.left(np.eye(6), _WRONG_PAYLOAD)
     turned = moments.turned
     in_world = WrenchMoments.of(recorded.wrench, _in_world(recorded))
-    tried = [(error, moments.left(error.matrix, _factor(error))) for error in _errors()]
+    tried = [(error, moments.left(error.matrix, *_factor(error))) for error in _errors()]
     in_base = [(error, in_world.left(error.matrix, _WRONG_PAYLOAD)) for error in _of_base_axes(in_world)]
     # Of a sensor that does not turn, axes of the base are those of a turned sensor.
     tried += [(error, left) for error, left in in_base if left.sum() < _TURNED * turned.sum()]
@@ -152,20 +157,19 @@ def _concerned(error: FixedError) -> Mask:
     return np.asarray((error.matrix != np.eye(6)).any(axis=1))
 
 
-def _factor(error: FixedError) -> float:
-    """By which the payload may be off beside an error."""
+def _factor(error: FixedError) -> tuple[float, bool]:
+    """By which the payload may be off beside an error, and whether that is a unit."""
     size = np.abs(error.matrix).max(axis=1)
     far = np.maximum(size, 1.0 / np.maximum(size, 1e-9)).max()
     unit = error.code in (ErrorCode.FORCE_UNIT, ErrorCode.TORQUE_UNIT)
-    return _EXACT if unit and far < _FAR else _WRONG_PAYLOAD
+    return (_EXACT if unit and far < _FAR else _WRONG_PAYLOAD), unit
 
 
 def _errors() -> Iterator[FixedError]:
     """Every error of a driver, the commoner ones first."""
     yield from (*SIGN_ERRORS, *MIRROR_ERRORS, *EXCHANGE_ERRORS, *_CHANNEL_ERRORS)
     yield from (*FORCE_UNIT_ERRORS, *TORQUE_UNIT_ERRORS)
-    for force, torque in product(FORCE_UNIT_ERRORS, TORQUE_UNIT_ERRORS):
-        yield FixedError(force.code, f"{force.sentence}; {torque.sentence}", force.matrix @ torque.matrix)
+    yield from starmap(both_units, product(FORCE_UNIT_ERRORS, TORQUE_UNIT_ERRORS))
 
 
 def _with_entry(channel: int, value: float) -> Array:
@@ -236,8 +240,8 @@ def _lag(recorded: RecordedMotion) -> float:
     most = min(int(_LONGEST_LAG / step), len(grid) // 3)
     likeness = {shift: _likeness(read, expected, shift) for shift in range(-most, most + 1)}
     best = max(likeness, key=likeness.__getitem__)
-    found = abs(best) * step > _SHORTEST_LAG and likeness[best] > _ALIGNED and likeness[0] < _MISALIGNED
-    return best * step if found else 0.0
+    better = 1.0 - likeness[0] > _MISALIGNED * (1.0 - likeness[best])
+    return best * step if better and abs(best) * step > _SHORTEST_LAG and likeness[best] > _ALIGNED else 0.0
 
 
 def _likeness(read: Array, expected: Array, shift: int) -> float:
