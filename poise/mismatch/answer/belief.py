@@ -27,9 +27,10 @@ friction, rotors and links vary by up to that (benchmarks.real)."""
 _LAW = 0.05
 """Share of what a free curve explains that the law of an effect may lack without another cause: the curve then has the
 shape of the law (viscous friction of benchmarks.real lacks 2 %; imitations of other causes lacked 4 to 7 %)."""
-_BETTER_CURVE, _BETTER_BY = 1.5, 50.0
-"""Factor and log evidence by which a free curve in the place of a name is better than it, so that it is an equal rival:
-right names of development cases had at most 1.1 times less evidence than the best curve (`benchmarks.foreign`)."""
+_BETTER_CURVE, _BETTER_BEYOND = 1.5, 1e-9
+"""Factor of the evidence by which a free curve is better than a name in its place, and odds of the name beside it
+(`rival_odds`), so that the curve is an equal rival: right names of development cases had at most 1.1 times less
+evidence than the best curve (`benchmarks.foreign`)."""
 _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 _NONE_TEMPERATURE = 2.0
@@ -156,7 +157,7 @@ def _belief(
         missing = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
         odds[curve] *= min(max(missing / _LAW, 0.0), 1.0)
     ruled = _equal_by_rule(model, part, proof, beside) | suspects & set(part.effect.confused_with)
-    ruled |= {curve} if curve and gains[curve] > max(_BETTER_CURVE * own, own + _BETTER_BY) else set()
+    ruled |= {curve} if curve and _far_better(gains[curve], own, misfit) else set()
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
     odds |= dict.fromkeys(ruled, 1.0)
@@ -210,6 +211,11 @@ def rival_odds(own: float, rival: float, misfit: float, lacks: float = 0.0) -> f
         lacks: share of its evidence by which the law of the rival may be wrong in any case, as friction's.
     """
     return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + (lacks + _MISFIT * misfit) * max(rival, 0.0)))
+
+
+def _far_better(curve: float, own: float, misfit: float) -> bool:
+    """Whether a free curve wins far more evidence than a name, even where the answer leaves an error."""
+    return curve > _BETTER_CURVE * own and rival_odds(curve, own, misfit) < _BETTER_BEYOND
 
 
 def _second(pair: tuple[str, float]) -> float:
