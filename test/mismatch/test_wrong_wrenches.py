@@ -11,6 +11,7 @@ from poise.errors import InputError
 from poise.geometry import rotation_of_vector
 from poise.mismatch.answer import diagnose
 from poise.mismatch.reading.joint_input import check_joints
+from poise.mismatch.reading.payload import identified
 from poise.mismatch.reading.sanity import without_frozen
 from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
@@ -54,6 +55,19 @@ def with_wrench(recorded: RecordedMotion, wrench: Array) -> RecordedMotion:
 def test_an_error_of_the_driver_is_refused_with_its_name(healthy: RecordedMotion, words: str) -> None:
     with pytest.raises(InputError, match=words):
         check_wrench(with_wrench(healthy, healthy.wrench @ WRONG[words].T), "a bag")
+
+
+@pytest.mark.parametrize("words", ["the y axis is mirrored", "torque is in lbf in", "torque is in N cm"])
+def test_without_a_stated_payload_an_error_of_the_driver_is_found_as_a_weighing_finds_it(
+    healthy: RecordedMotion, words: str
+) -> None:
+    # A mirrored axis is half a turn about it and the opposite sign.
+    with pytest.raises(InputError, match=f"{words}|179.9 .* and force and torque have the opposite sign"):
+        identified(with_wrench(healthy, healthy.wrench @ WRONG[words].T))
+
+
+def test_an_empty_hand_is_no_error_of_the_driver(healthy: RecordedMotion) -> None:
+    assert abs(identified(with_wrench(healthy, 0.0 * healthy.wrench))[0]) < 0.01
 
 
 def test_axes_of_the_base_are_refused(healthy: RecordedMotion) -> None:

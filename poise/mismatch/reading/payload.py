@@ -21,6 +21,8 @@ _FARTHEST = 5.0
 _NO_LOAD, _UNEXPLAINED = 0.1, 0.3
 """kg of negative mass that errors of an empty hand may have, and the share of the variance of force or torque that a
 payload leaves at least, for an error of the driver to be looked for."""
+_CLEARLY = 30.0
+"""Nats by which an error of the driver explains the wrench better; an empty hand reaches less by chance."""
 _OF_THE_DRIVER = (
     ErrorCode.FORCE_SIGN,
     ErrorCode.TORQUE_SIGN,
@@ -69,7 +71,7 @@ def _refuse(recorded: RecordedMotion, mass: float, lever: float) -> None:
         recorded.rotation_world_sensor[0] @ recorded.gravity[0],
     )
     cause = next(iter(find_causes(samples)), None)
-    if cause is not None and cause.certain and cause.code in _OF_THE_DRIVER:
+    if cause is not None and cause.certain and cause.gain > _CLEARLY and cause.code in _OF_THE_DRIVER:
         raise InputError(ErrorCode.BAD_INPUT, cause.sentence, cause=cause.code.name)
     what = f"weigh {mass:.2f} kg" if mass < -_NO_LOAD else f"have its centre of mass {lever:.0f} m from the sensor"
     if mass < -_NO_LOAD or lever > _FARTHEST:
