@@ -75,7 +75,7 @@ IMPOSSIBLE = {
     "sensor_creep": {"fraction": -0.8},
     "joint_offset": {"offset_2": 0.6},
     "base_tilt": {"rotation_x": 0.49999},
-    "sensor_rotation": {"rotation_z": -0.49999},
+    "sensor_rotation": {"rotation_z": -3.99999},
     "payload_parameters": {"mass": -9.0},
     "mass_step": {"moment_y": 20.0},
     "mass_step at the start": {"time": 0.4},
