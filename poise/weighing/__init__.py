@@ -16,6 +16,7 @@ from poise.weighing.fixed_errors import (
     SIGN_ERRORS,
     TORQUE_UNIT_ERRORS,
     FixedError,
+    base_axes_sentence,
     both_units,
     on_both,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "FixedError",
     "Repair",
     "after_repair",
+    "base_axes_sentence",
     "both_units",
     "causes_of",
     "find_causes",

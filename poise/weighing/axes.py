@@ -15,6 +15,7 @@ from poise.weighing.fixed_errors import (
     MIRROR_ERRORS,
     RARE_ERROR,
     SIGN_ERRORS,
+    base_axes_sentence,
     on_both,
 )
 from poise.weighing.reading import Reading, Repair, Says, fixed_reading, shows_payload
@@ -142,15 +143,11 @@ def _base_axes() -> list[Reading]:
 
         return columns_of
 
-    text = (
-        "the wrench is in the axes of the base, and its messages name the sensor frame: publish it in the axes of the"
-        " sensor, or stamp it with the frame that it is in"
-    )
     return [
         Reading(
             ErrorCode.WRONG_FRAME,
             design(bias_turns, sign),
-            _said(text if sign > 0 else f"{text}; its sign is opposite as well"),
+            _said(base_axes_sentence(sign)),
             prior=0.0 if sign > 0 else RARE_ERROR,
             repair=_from_base(sign),
         )

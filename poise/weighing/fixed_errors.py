@@ -115,8 +115,14 @@ def both_units(force: FixedError, torque: FixedError) -> FixedError:
 FORCE_UNIT_ERRORS = tuple(_unit_error(*each) for each in _FORCES.items())
 TORQUE_UNIT_ERRORS = tuple(_unit_error(*each) for each in _TORQUES.items())
 IMPERIAL_ERRORS = tuple(
-    both_units(force, torque)
-    for force in FORCE_UNIT_ERRORS
-    for torque in TORQUE_UNIT_ERRORS
-    if "lbf" in force.sentence and "lbf" in torque.sentence
+    both_units(_unit_error("lbf", _FORCES["lbf"]), _unit_error(unit, _TORQUES[unit])) for unit in ("lbf in", "lbf ft")
 )
+
+
+def base_axes_sentence(sign: float) -> str:
+    """Of a wrench in the axes of the base, or of its opposite."""
+    text = (
+        "the wrench is in the axes of the base, and its messages name the sensor frame: publish it in the axes of the"
+        " sensor, or stamp it with the frame that it is in"
+    )
+    return text if sign > 0 else f"{text}; its sign is opposite as well"

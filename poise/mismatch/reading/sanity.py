@@ -145,13 +145,15 @@ def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[Input
     same = (change <= 1e-12 * np.abs(recorded.wrench[1:])).all(axis=1)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
     steps = np.array([np.min(each[each > 0.0], initial=np.inf) for each in change.T])
+    reach = np.maximum(np.ptp(recorded.prediction, axis=0), 1e-9)
     found, frozen = [], np.zeros(len(recorded), dtype=bool)
     for first, last in ends.reshape(-1, 2).tolist():
         span = slice(first, last + 1)
         begin, end = recorded.seconds[first], recorded.seconds[last]
+        if end - begin < _FROZEN:
+            continue
         moved = np.ptp(recorded.prediction[span], axis=0)
-        share = moved / np.maximum(np.ptp(recorded.prediction, axis=0), 1e-9)
-        if end - begin >= _FROZEN and ((moved > _STEPS * steps) & (share > _MATERIAL)).any():
+        if ((moved > _STEPS * steps) & (moved / reach > _MATERIAL)).any():
             frozen[span] = True
             sentence = (
                 f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "

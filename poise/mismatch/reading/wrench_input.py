@@ -1,7 +1,7 @@
 """Input checks of the wrench against the load of the model: signs, axes, units, dead channels, clocks seconds off."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import product, starmap
 
 import numpy as np
@@ -17,6 +17,7 @@ from poise.weighing import (
     SIGN_ERRORS,
     TORQUE_UNIT_ERRORS,
     FixedError,
+    base_axes_sentence,
     both_units,
     on_both,
 )
@@ -165,11 +166,12 @@ def _factor(error: FixedError) -> tuple[float, bool]:
     return (_EXACT if unit and far < _FAR else _WRONG_PAYLOAD), unit
 
 
-def _errors() -> Iterator[FixedError]:
-    """Every error of a driver, the commoner ones first."""
-    yield from (*SIGN_ERRORS, *MIRROR_ERRORS, *EXCHANGE_ERRORS, *_CHANNEL_ERRORS)
-    yield from (*FORCE_UNIT_ERRORS, *TORQUE_UNIT_ERRORS)
-    yield from starmap(both_units, product(FORCE_UNIT_ERRORS, TORQUE_UNIT_ERRORS))
+@cache
+def _errors() -> tuple[FixedError, ...]:
+    """Every error of a driver, the commoner ones first; a live window asks again and again."""
+    units = (*FORCE_UNIT_ERRORS, *TORQUE_UNIT_ERRORS)
+    both = starmap(both_units, product(FORCE_UNIT_ERRORS, TORQUE_UNIT_ERRORS))
+    return (*SIGN_ERRORS, *MIRROR_ERRORS, *EXCHANGE_ERRORS, *_CHANNEL_ERRORS, *units, *both)
 
 
 def _with_entry(channel: int, value: float) -> Array:
@@ -206,13 +208,9 @@ _CHANNEL_ERRORS = (
 
 def _of_base_axes(in_world: WrenchMoments) -> list[FixedError]:
     """Axes of the base, which stands turned in the world by some angle, and the same with the opposite sign."""
-    text = (
-        "the wrench is in the axes of the base, and its messages name the sensor frame: publish it in the axes of the "
-        "sensor, or stamp it with the frame that it is in"
-    )
     return [
-        FixedError(ErrorCode.WRONG_FRAME, f"{text}{said}", sign * _best_rotation(in_world, sign))
-        for sign, said in ((1.0, ""), (-1.0, "; its sign is opposite as well"))
+        FixedError(ErrorCode.WRONG_FRAME, base_axes_sentence(sign), sign * _best_rotation(in_world, sign))
+        for sign in (1.0, -1.0)
     ]
 
 
