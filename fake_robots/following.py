@@ -95,15 +95,20 @@ class Following:
     at_end: JointTolerances
     patience: float
 
+    @property
+    def deadline(self) -> float:
+        """s: the joints are judged no later, however late somebody looks."""
+        return self.end + self.patience
+
     def judge(self, now: float, commanded: Array, actual: Array) -> tuple[Outcome, str] | None:
         """How it has ended, or None, from (3, J) positions, velocities and accelerations at `now`, s."""
-        if now <= self.end:
+        if now < self.end:
             violation = self.on_path.violation(self.joints, commanded - actual)
             return violation and (Outcome.PATH_TOLERANCE_VIOLATED, f"path tolerance: {violation}")
         rest = np.zeros_like(self.goal)
         violation = self.at_end.violation(self.joints, np.stack([self.goal, rest, rest]) - actual)
         if violation is None:
             return Outcome.SUCCESSFUL, ""
-        if now <= self.end + self.patience:
+        if now < self.deadline:
             return None
         return Outcome.GOAL_TOLERANCE_VIOLATED, f"goal tolerance, {self.patience:.2f} s after the end: {violation}"

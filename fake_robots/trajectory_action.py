@@ -1,5 +1,6 @@
 """The action FollowJointTrajectory of a simulated arm, as joint_trajectory_controller of ros2_control serves it."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +121,8 @@ class TrajectoryAction:
         if active.command != self._arm.commands:
             self._replace("another command has replaced this goal")
             return
-        now, commanded, actual = self._state(active.columns)
+        latest = math.inf if active.cancelled else active.following.deadline
+        now, commanded, actual = self._state(active.columns, latest)
         if active.cancelled:
             if not np.any(actual[1:]):
                 self._finish(Outcome.SUCCESSFUL, "cancelled: the arm has stopped")
@@ -134,8 +136,8 @@ class TrajectoryAction:
             active.handle.publish_feedback(self._feedback(active, now, commanded, actual))
         active.looks += 1
 
-    def _state(self, columns: list[int]) -> tuple[float, Array, Array]:
-        now = self._arm.now
+    def _state(self, columns: list[int], latest: float) -> tuple[float, Array, Array]:
+        now = min(self._arm.now, latest)
         commanded, actual = (np.stack([part[0, columns] for part in motion]) for motion in self._arm.states(now))
         return now, commanded, actual
 

@@ -53,5 +53,6 @@ def test_the_path_counts_until_the_end_and_the_goal_after_it():
 
 def test_a_goal_may_ask_for_rest():
     following = Following(JOINTS, np.zeros(2), 2.0, tolerances(), tolerances(("shoulder", (0.0, 0.01, 0.0))), 0.0)
-    assert following.judge(2.1, state(), state(speed=0.1))[0] is Outcome.GOAL_TOLERANCE_VIOLATED
-    assert following.judge(2.1, state(), state(speed=0.001))[0] is Outcome.SUCCESSFUL
+    assert following.deadline == 2.0
+    assert following.judge(2.0, state(), state(speed=0.1))[0] is Outcome.GOAL_TOLERANCE_VIOLATED
+    assert following.judge(2.0, state(), state(speed=0.001))[0] is Outcome.SUCCESSFUL
