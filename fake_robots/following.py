@@ -97,7 +97,7 @@ class Following:
 
     @property
     def deadline(self) -> float:
-        """s: the joints are judged no later, however late somebody looks."""
+        """s: the state at this time decides, also where the node looks later."""
         return self.end + self.patience
 
     def judge(self, now: float, commanded: Array, actual: Array) -> tuple[Outcome, str] | None:

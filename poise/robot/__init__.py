@@ -46,6 +46,7 @@ from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.robot.stamped_buffer import CLOCK_JUMP, StampedBuffer, went_back
+from poise.robot.turns import without_turns
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
@@ -116,4 +117,5 @@ __all__ = [
     "scatter",
     "sensor_motion",
     "went_back",
+    "without_turns",
 ]

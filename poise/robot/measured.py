@@ -11,6 +11,7 @@ from poise.robot.kinematics import motion_sigma, sensor_motion
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
 from poise.robot.odometry import MeasuredBase
+from poise.robot.turns import without_turns
 from poise.types import Array
 
 
@@ -53,6 +54,7 @@ def motion_from_joints(
         InputError: as `RobotModel.order`, `differentiate` and `sensor_motion`.
     """
     (ordered,) = model.order(names, position)
+    ordered = without_turns(np.asarray(stamps) * 1e-9, ordered)
     rates = None if velocity is None else model.order(names, velocity)[0]
     return motion_from_derivatives(
         model, differentiate(stamps, ordered, rates, knot_spacing=knot_spacing, within=within, errors=errors)

@@ -18,6 +18,7 @@ from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
 from poise.robot.odometry import base_from_odometry
 from poise.robot.stamped_buffer import StampedBuffer, went_back
+from poise.robot.turns import without_turns
 from poise.types import Stamps
 
 _ODOMETRY_GAP = 0.5
@@ -177,7 +178,8 @@ class JointSource:
         first, last = begin - margin, end + margin
         stamps, rows = self._buffer.between(first, last)
         position, velocity = np.hsplit(rows, 2)
-        joints = differentiate(stamps, position, velocity, within=(begin, end), errors=errors)
+        whole = without_turns(stamps * 1e-9, position)
+        joints = differentiate(stamps, whole, velocity, within=(begin, end), errors=errors)
         base = None
         if self._odometry is not None:
             samples, odometry = self._odometry.between(first, last)

@@ -61,6 +61,19 @@ def test_a_robot_of_one_joint_has_a_motion_and_its_errors():
     assert np.all(found.angular_acceleration_sigma[:, :2] == 0.0)
 
 
+def test_a_continuous_joint_that_begins_anew_at_each_turn_has_the_motion_of_one_that_counts_on():
+    model = RobotModel.from_urdf(ONE_JOINT)
+    position = 3.0 * SECONDS[:, None] + 0.2 * np.sin(3.0 * SECONDS)[:, None]
+    wrapped = np.remainder(position + np.pi, 2 * np.pi) - np.pi
+    assert np.ptp(position) > 2 * np.pi
+    source = JointSource(model)
+    source.extend(STAMPS, ("turn",), wrapped)
+    expected = motion_from_joints(model, STAMPS, ("turn",), position).motion
+    moved = source.motion(int(STAMPS[0]), int(STAMPS[-1]))
+    for found in (motion_from_joints(model, STAMPS, ("turn",), wrapped).motion, moved):
+        np.testing.assert_allclose(found.angular_velocity_in_sensor, expected.angular_velocity_in_sensor, atol=1e-6)
+
+
 @pytest.mark.parametrize("axis", ["x", "z"])
 def test_a_rail_or_a_lift_under_an_arm_is_part_of_the_arm(axis):
     model = RobotModel.from_urdf(arm(axis))

@@ -21,7 +21,7 @@ from poise.mismatch.effects.joint_friction import (
 )
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
-from poise.mismatch.effects.saturation import exceeded, limited_readings
+from poise.mismatch.effects.saturation import at_ends, exceeded, limited_readings
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.mismatch.effects.starts import within
@@ -41,6 +41,7 @@ __all__ = [
     "UnreportedBaseMotion",
     "Values",
     "all_effects",
+    "at_ends",
     "effect_named",
     "exceeded",
     "in_model",

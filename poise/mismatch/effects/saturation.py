@@ -90,7 +90,7 @@ def limited_readings(recorded: RecordedMotion, stated: Values | None = None) -> 
         recorded: the recording.
         stated: the parameters of a limit that the model states, or None.
     """
-    at_limit = _at_ends(recorded)
+    at_limit = at_ends(recorded.wrench, recorded.prediction)
     for name, _, part in _GROUPS:
         size = np.abs(recorded.wrench[:, part])
         limits = [plateau(recorded.wrench[:, part]) or _HIGHEST]
@@ -106,17 +106,21 @@ def exceeded(recorded: RecordedMotion, name: str, stated: float) -> bool:
     return bool(np.nanmax(np.abs(recorded.wrench[:, part])) > (1.0 + _SAME) * stated)
 
 
-def _at_ends(recorded: RecordedMotion) -> Mask:
-    """(N, 6) readings at an end of the range of one axis, at which the load varies while the reading does not."""
-    noise = white_level(recorded.wrench - recorded.prediction)
-    found = np.zeros(recorded.wrench.shape, dtype=bool)
-    for c, readings in enumerate(recorded.wrench.T):
-        for signed in (readings, -readings):
+def at_ends(readings: Array, expected: Array) -> Mask:
+    """(N, C) readings at an end of the range of one channel, at which the model varies while the reading does not.
+
+    Args:
+        readings, expected: (N, C) as measured, and of the model.
+    """
+    noise = white_level(readings - expected)
+    found = np.zeros(readings.shape, dtype=bool)
+    for c, channel in enumerate(readings.T):
+        for signed in (channel, -channel):
             end = plateau(signed[signed > 0.0])
             if end == 0.0:
                 continue
             rows = signed >= end * (1.0 - 1e-9)
-            if np.std(recorded.prediction[rows, c]) > max(_VARIES * noise[c], lattice(readings)):
+            if np.std(expected[rows, c]) > max(_VARIES * noise[c], lattice(channel)):
                 found[:, c] |= rows
     return found
 

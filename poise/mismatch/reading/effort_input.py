@@ -1,12 +1,12 @@
 """Input checks of joint efforts: zero, constant, without sign, of the opposite sign, of another unit, unrelated."""
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from poise.mismatch.reading.effort_errors import driver_error, usable_efforts
 from poise.mismatch.reading.findings import InputFinding
-from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.mismatch.recorded import EffortTrack
 from poise.types import Array, Mask
 
 _SLOW = (0.01, 0.1)
@@ -46,11 +46,15 @@ class _Gain:
 _UNKNOWN = _Gain(0.0, np.inf, 0.0)
 
 
-def checked_efforts(track: EffortTrack) -> tuple[EffortTrack | None, list[InputFinding]]:
+def checked_efforts(
+    track: EffortTrack, load_weight: Array, gravity: float
+) -> tuple[EffortTrack | None, list[InputFinding]]:
     """The efforts that can be compared, and what was found about the others; None when none is left.
 
     Args:
         track: as measured, with what a rigid arm needs.
+        load_weight: (M, J) efforts that the weight of the load needs.
+        gravity: m/s2, downwards.
     """
     found: list[InputFinding] = []
     still = np.ptp(track.measured, axis=0) == 0.0
@@ -59,20 +63,26 @@ def checked_efforts(track: EffortTrack) -> tuple[EffortTrack | None, list[InputF
         ("constant", still & track.measured.any(axis=0)),
     ):
         if mask.any():
-            names = _named(track, mask)
+            names = track.named(mask)
             sentence = f"The effort of {', '.join(names)} is {kind} throughout: it is not measured, and was left out."
             found.append(InputFinding(f"effort_{kind}", sentence, names))
     if still.all():
         return None, found
-    track = of_joints(track, ~still)
+    track = track.of_joints(~still)
     if _unsigned(track):
         sentence = (
             "The efforts have no sign: they are never negative, while the arm needs efforts of both signs. They were "
             "left out: friction, payload and gravity cannot be distinguished in a magnitude; record signed efforts."
         )
         return None, [*found, InputFinding("effort_unsigned", sentence, track.names)]
+    error = driver_error(track, load_weight[:, ~still], gravity)
+    if error is not None:
+        return None, [*found, error]
+    track, left_out = usable_efforts(track)
+    if not track.names:
+        return None, [*found, *left_out]
     gains = [_gain(track, j) for j in range(len(track.names))]
-    return _by_gain(track, gains, found)
+    return _by_gain(track, gains, [*found, *left_out])
 
 
 def _by_gain(
@@ -87,7 +97,7 @@ def _by_gain(
     if (size > _OTHER_UNIT).all() or ((size < 1.0 / _OTHER_UNIT).all() and (size > 3.0 * _stds(gains, known)).all()):
         return _other_unit(track, value, known, found)
     if known.sum() > 1 and (value[known] < _UNRELATED).all() and not (value[known] < _NEGATIVE[1]).all():
-        names = _named(track, known)
+        names = track.named(known)
         sentence = (
             f"The efforts of {', '.join(names)} do not contain the weight and inertia of the arm in robot_description "
             f"(factors {_listed(value[known])}): its gravity was subtracted, or the description is another robot's. "
@@ -98,7 +108,7 @@ def _by_gain(
     if turned.any():
         if known.sum() > 1 and (turned == known).all():
             turned[:] = True
-        names = _named(track, turned)
+        names = track.named(turned)
         sentence = (
             f"The effort of {', '.join(names)} has the opposite sign: it is what the load exerts on the joint. It was "
             "negated; the contract is what the joint exerts."
@@ -126,7 +136,7 @@ def _stds(gains: list[_Gain], known: Mask) -> Array:
 def _other_unit(
     track: EffortTrack, value: Array, known: Mask, found: list[InputFinding]
 ) -> tuple[EffortTrack | None, list[InputFinding]]:
-    names, size = _named(track, known), np.abs(value[known])
+    names, size = track.named(known), np.abs(value[known])
     factor = float(np.exp(np.median(np.log(size))))
     coherent = bool(np.std(np.log(size)) < _COHERENT)
     numbers = tuple(value[known].tolist())
@@ -199,26 +209,6 @@ def _fitted_gain(track: EffortTrack, joint: int, *, rotor: bool) -> _Gain:
     alike = float(np.clip(left[1:] @ left[:-1] / max(float(left @ left), 1e-300), 0.0, 0.999))
     std = float(np.sqrt(left @ left / len(left) * (1.0 + alike) / (1.0 - alike) / power))
     return _Gain(value, std, float(np.std(own)))
-
-
-def of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
-    """The efforts of some joints; derivatives count by these joints alone."""
-    changes: dict[str, Any] = {"names": _named(track, keep)}
-    for each in fields(track):
-        value = getattr(track, each.name)
-        if isinstance(value, np.ndarray) and value.ndim > 1:
-            by_joint = each.name in ("by_position", "by_acceleration")
-            changes[each.name] = value[:, keep][:, :, keep] if by_joint else value[:, keep]
-    if track.stated:
-        changes["stated"] = tuple(each for each, kept in zip(track.stated, keep.tolist(), strict=True) if kept)
-    links = track.links
-    if links is not None:
-        changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])
-    return replace(track, **changes)
-
-
-def _named(track: EffortTrack, mask: Mask) -> tuple[str, ...]:
-    return tuple(name for name, chosen in zip(track.names, mask.tolist(), strict=True) if chosen)
 
 
 def _listed(values: Array) -> str:

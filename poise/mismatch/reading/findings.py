@@ -9,7 +9,8 @@ class InputFinding:
 
     Args:
         kind: in snake_case: effort_zero, effort_constant, effort_unsigned, effort_sign, effort_unit, effort_unrelated,
-            no_effort, no_motion, joints_at_rest, joints_held, command_tracking, limit_exceeded, wrench_frozen.
+            effort_order, effort_late, effort_compensated, effort_frozen, effort_limited, no_effort, no_motion,
+            joints_at_rest, joints_held, joints_mixed, encoder_frozen, command_tracking, limit_exceeded, wrench_frozen.
         sentence: what it is, with its consequence.
         joints: that it concerns.
         values: numbers behind it, by joint: the factor of a unit, or the delay in s behind the commands; begin and end

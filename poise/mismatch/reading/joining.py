@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.effort_input import of_joints
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Mask
 
@@ -61,7 +60,7 @@ def with_common_efforts(recordings: Sequence[RecordedMotion]) -> list[RecordedMo
     tracks = [recorded.effort for recorded in recordings]
     common = set.intersection(*(set() if track is None else set(track.names) for track in tracks))
     cut = [
-        None if track is None or not common else of_joints(track, np.array([name in common for name in track.names]))
+        None if track is None or not common else track.of_joints(np.array([name in common for name in track.names]))
         for track in tracks
     ]
     return [replace(recorded, effort=effort) for recorded, effort in zip(recordings, cut, strict=True)]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.wrench_input import WrenchMoments
@@ -72,12 +73,21 @@ def _others(names: tuple[str, ...], position: Array) -> Iterator[tuple[str, Arra
         yield f"{name} counted in the opposite direction", position * (1.0 - 2.0 * one)
         for angle in (90, -90, 180):
             yield f"the zero of {name} was {angle} degrees off", position - np.radians(angle) * one
+    for sentence, order in orders(names):
+        yield sentence, position[:, order]
+
+
+def orders(names: tuple[str, ...]) -> Iterator[tuple[str, NDArray[np.intp]]]:
+    """Other orders of joints, in words, with the column (J,) that then holds each joint."""
+    count = len(names)
     for a, b in combinations(range(count), 2):
         order = np.arange(count)
         order[[a, b]] = b, a
-        yield f"{names[a]} and {names[b]} were exchanged", position[:, order]
+        yield f"{names[a]} and {names[b]} were exchanged", order
+    if count < 3:
+        return
     for shift in range(1, count):
         order = np.roll(np.arange(count), shift)
-        yield f"the joints came in the order {' '.join(names[k] for k in order)}", position[:, np.argsort(order)]
+        yield f"the joints came in the order {' '.join(names[k] for k in order)}", np.argsort(order)
     reverse = np.arange(count)[::-1]
-    yield f"the joints came in the order {' '.join(reversed(names))}", position[:, reverse]
+    yield f"the joints came in the order {' '.join(reversed(names))}", reverse

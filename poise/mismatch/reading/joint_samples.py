@@ -3,6 +3,8 @@
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.joint_errors import without_driver_errors
 from poise.mismatch.reading.wrench_samples import (
     MAX_WRENCH_RATE,
     MAX_WRENCH_SAMPLES,
@@ -11,6 +13,7 @@ from poise.mismatch.reading.wrench_samples import (
     mean_stamps,
 )
 from poise.recording import JointStream
+from poise.robot import RobotModel
 from poise.types import Array, Mask
 
 _BURST = 0.05
@@ -19,15 +22,21 @@ _MAX_JOINT_RATE = 1000.0
 """Hz; averages over more than a few milliseconds blur the steps of an acceleration."""
 
 
-def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStream, list[str]]:
-    """Without positions that are not finite and without repeated stamps, at no more than _MAX_JOINT_RATE.
+def usable_joints(
+    joints: JointStream, robot: RobotModel, *, alone: bool = False
+) -> tuple[JointStream, list[str], list[InputFinding]]:
+    """Without positions that are not finite or wrong and without repeated stamps, at no more than _MAX_JOINT_RATE.
 
     Args:
         joints: as measured.
+        robot: that they move.
         alone: there is no wrench: as long as a wrench may be.
 
+    Returns:
+        The joint states; what was left out or corrected; what is wrong with them.
+
     Raises:
-        InputError: TOO_FEW_SAMPLES.
+        InputError: TOO_FEW_SAMPLES, BAD_INPUT for those of two publishers.
     """
     notes = []
     finite, given = np.isfinite(joints.position).all(axis=1), len(joints)
@@ -41,6 +50,8 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
             f"{len(joints)} of {given} joint states can be used: {int((~finite).sum())} are not finite, "
             f"{int(finite.sum()) - len(joints)} repeat the stamp before them; record more",
         )
+    joints, said, findings = without_driver_errors(joints, robot)
+    notes += said
     if alone:
         joints, said = begun(joints)
         notes += said
@@ -48,7 +59,7 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
     together = _together(joints.seconds)
     if together > 1 and np.isfinite(joints.effort).any():
         said.append(f"{together} joint efforts each were averaged")
-    return joints, notes + said
+    return joints, notes + said, findings
 
 
 def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:

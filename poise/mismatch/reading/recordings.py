@@ -32,7 +32,7 @@ from poise.mismatch.reading.simulator import (
 )
 from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, joint_torques, load_wrench
 from poise.recording import JointStream, PoseStream, Recording
 from poise.robot import RobotModel, chains, robot_of
 from poise.types import Array
@@ -128,7 +128,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     joints, robot, odometry = _robot(streams, model, text)
     model = with_simulator(model, robot)
     frame = robot.sensor_frame
-    joints, notes = usable_joints(joints, alone=wrench is None)
+    joints, notes, wrong = usable_joints(joints, robot, alone=wrench is None)
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
 
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
@@ -141,7 +141,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
     exceeded = exceeded_limits(recorded, model) if wrench is not None else []
-    findings = [*_held(model, robot, text, streams), *frozen, *findings, *exceeded]
+    findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *exceeded]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -158,7 +158,11 @@ def _checked(
             raise InputError(ErrorCode.TOPIC_MISSING, f"{sentence}: record one of them")
         findings.append(InputFinding("no_effort", f"{sentence}: only the motion can be compared with the commands."))
     if recorded.effort is not None:
-        effort, wrong = checked_efforts(recorded.effort)
+        gravity = float(np.linalg.norm(recorded.gravity[0]))
+        still = np.zeros((len(recorded), 3))
+        weight = load_wrench(recorded.phi, recorded.gravity, still, still)
+        load_weight = joint_torques(recorded, weight[..., None])[..., 0]
+        effort, wrong = checked_efforts(recorded.effort, load_weight, gravity)
         recorded = replace(recorded, effort=effort)
         findings += wrong
     if streams.commands is not None:

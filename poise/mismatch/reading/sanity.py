@@ -18,7 +18,7 @@ _NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
 """Offsets of the samples that predict the one in their middle."""
 _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
-_SHORTEST, _SLOWEST = 4.0, 15.0
+SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
 _FROZEN, _STEPS, _MATERIAL = 0.2, 3.0, 0.05
@@ -103,10 +103,10 @@ def check_rates(joints: JointStream, measured: Stream) -> None:
     """
     length = float(measured.stamps[-1] - measured.stamps[0]) * 1e-9
     what = "wrench lasts" if isinstance(measured, WrenchStream) else "joint states last"
-    if length < _SHORTEST:
+    if length < SHORTEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"the {what} {length:.2g} s: record ten seconds or more, {_SHORTEST:.0f} s at the least"
+            f"the {what} {length:.2g} s: record ten seconds or more, {SHORTEST:.0f} s at the least"
             + ("; if it was longer, its stamps are not in ns" if length < 1.0 else ""),
         )
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
@@ -137,30 +137,40 @@ def _knocks(spikes: Array) -> bool:
 
 
 def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[InputFinding]]:
-    """The recording without spans in which the wrench repeats one reading, though the load moves, and what they are.
+    """The recording without spans in which the wrench repeats one reading, though the load moves, and what they are."""
+    frozen, found = np.zeros(len(recorded), dtype=bool), []
+    for begin, end in frozen_spans(recorded.seconds, recorded.wrench, recorded.prediction):
+        frozen |= (recorded.seconds >= begin) & (recorded.seconds <= end)
+        sentence = (
+            f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "
+            "or its driver stopped; this span was left out."
+        )
+        found.append(InputFinding("wrench_frozen", sentence, (), (begin, end)))
+    return (recorded.select(~frozen) if found else recorded), found
+
+
+def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple[float, float]]:
+    """Begin and end, s, of spans in which all channels repeat one reading, though the model changes.
 
     The reading of a coarse sensor stays the same as well, but not where the model changes by several of its steps.
+
+    Args:
+        seconds: (N,). readings, expected: (N, C) as measured, and of the model.
     """
-    change = np.abs(np.diff(recorded.wrench, axis=0))
-    same = (change <= 1e-12 * np.abs(recorded.wrench[1:])).all(axis=1)
+    change = np.abs(np.diff(readings, axis=0))
+    same = (change <= 1e-12 * np.abs(readings[1:])).all(axis=1)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
     steps = np.array([np.min(each[each > 0.0], initial=np.inf) for each in change.T])
-    reach = np.maximum(np.ptp(recorded.prediction, axis=0), 1e-9)
-    found, frozen = [], np.zeros(len(recorded), dtype=bool)
+    reach = np.maximum(np.ptp(expected, axis=0), 1e-9)
+    found = []
     for first, last in ends.reshape(-1, 2).tolist():
-        span = slice(first, last + 1)
-        begin, end = recorded.seconds[first], recorded.seconds[last]
+        begin, end = float(seconds[first]), float(seconds[last])
         if end - begin < _FROZEN:
             continue
-        moved = np.ptp(recorded.prediction[span], axis=0)
+        moved = np.ptp(expected[first : last + 1], axis=0)
         if ((moved > _STEPS * steps) & (moved / reach > _MATERIAL)).any():
-            frozen[span] = True
-            sentence = (
-                f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "
-                "or its driver stopped; this span was left out."
-            )
-            found.append(InputFinding("wrench_frozen", sentence, (), (float(begin), float(end))))
-    return (recorded.select(~frozen) if found else recorded), found
+            found.append((begin, end))
+    return found
 
 
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:

@@ -157,6 +157,25 @@ class EffortTrack:
         }
         return replace(self, **{name: value[rows] for name, value in held.items()})
 
+    def named(self, mask: Mask) -> tuple[str, ...]:
+        """The joints of a mask (J,)."""
+        return tuple(name for name, chosen in zip(self.names, mask.tolist(), strict=True) if chosen)
+
+    def of_joints(self, keep: Mask) -> "EffortTrack":
+        """The efforts of the joints of a mask (J,); derivatives count by these joints alone."""
+        changes: dict[str, Any] = {"names": self.named(keep)}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if isinstance(value, np.ndarray) and value.ndim > 1:
+                by_joint = each.name in ("by_position", "by_acceleration")
+                changes[each.name] = value[:, keep][:, :, keep] if by_joint else value[:, keep]
+        if self.stated:
+            changes["stated"] = tuple(each for each, kept in zip(self.stated, keep.tolist(), strict=True) if kept)
+        if self.links is not None:
+            links = self.links
+            changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])
+        return replace(self, **changes)
+
     def unit(self, turning: str, *joints: str) -> str:
         """The unit of a quantity of these joints, all when none is named, from its unit for joints that turn."""
         slides = set(joints or self.names) <= set(self.prismatic)

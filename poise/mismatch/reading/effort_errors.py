@@ -1,0 +1,181 @@
+"""Errors of a driver in joint efforts: repeated readings, limits, order of joints, delays, subtracted weight."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from poise.mismatch.effects import at_ends
+from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.joint_input import orders
+from poise.mismatch.reading.sanity import frozen_spans
+from poise.mismatch.recorded import EffortTrack, linear_at, white_level
+from poise.types import Array
+
+_SLOW = (0.01, 0.1)
+"""rad/s or m/s: widths of the friction that is fitted beside the model."""
+_SAMPLES = 1000
+"""Samples of the recording that are compared."""
+_AUDIBLE = 50.0
+"""Variance of an effort, in units of its noise, at which it counts half."""
+_MATERIAL, _BETTER = 0.005, 0.2
+"""Share of the variance that the model leaves at least, and the largest ratio of what an error of the driver leaves."""
+_LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
+"""s: delays that are looked for."""
+_LOST = 0.5
+"""Share of the samples from which joints at their limits are left out, and not the samples."""
+
+
+def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
+    """The efforts without spans that repeat one reading and without readings at a limit, and what was left out."""
+    spans = frozen_spans(track.seconds, track.measured, track.rigid)
+    found = [
+        InputFinding(
+            "effort_frozen",
+            f"The efforts repeat one reading from {begin:.2f} s to {end:.2f} s, though the arm moves: their driver "
+            "stopped; this span was left out.",
+            track.names,
+            (begin, end),
+        )
+        for begin, end in spans
+    ]
+    for begin, end in spans:
+        track = track.select((track.seconds < begin) | (track.seconds > end))
+    limited = at_ends(track.measured, track.rigid)
+    if not limited.any():
+        return track, found
+    at_limit = np.asarray(limited.any(axis=0))
+    names = track.named(at_limit)
+    limits = tuple(float(np.abs(track.measured[rows, j]).max()) for j, rows in enumerate(limited.T) if rows.any())
+    rows, every = np.asarray(limited.any(axis=1)), limited.mean(axis=0)[at_limit]
+    said = ", ".join(
+        f"{name} at {limit:.4g} in {share:.1%}" for name, limit, share in zip(names, limits, every, strict=True)
+    )
+    whole = bool(rows.mean() > _LOST)
+    left = "these joints" if whole else "these samples"
+    sentence = (
+        f"Efforts stay at the end of their range, though the load changes: {said} of the samples; {left} were left out."
+    )
+    track = track.of_joints(~at_limit) if whole else track.select(~rows)
+    return track, [*found, InputFinding("effort_limited", sentence, names, limits)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """Efforts of a recording against models, each beside friction, rotor and offset.
+
+    Args:
+        track: the efforts. rows: (n,) those that are compared.
+    """
+
+    track: EffortTrack
+    rows: Array
+
+    @staticmethod
+    def of(track: EffortTrack) -> "_Comparison":
+        return _Comparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
+
+    def bases(self, model: Array) -> list[Array]:
+        """(n, 6) orthonormal columns of each joint, with the model's effort (M, J) among them."""
+        track, found = self.track, []
+        for j in range(len(track.names)):
+            velocity = track.velocity[self.rows, j]
+            columns = (
+                np.ones(len(self.rows)),
+                velocity,
+                *(np.tanh(velocity / slow) for slow in _SLOW),
+                track.acceleration[self.rows, j],
+                model[self.rows, j],
+            )
+            found.append(np.linalg.qr(np.stack(columns, axis=1))[0])
+        return found
+
+    def left(self, measured: Array, bases: list[Array]) -> Array:
+        """(J,) share of the variance of efforts (n, J) that the models leave above the noise; less of faint ones."""
+        residual = np.stack([y - base @ (base.T @ y) for y, base in zip(measured.T, bases, strict=True)], axis=1)
+        audible = np.maximum(np.mean(residual**2, axis=0) - self.noise, 0.0)
+        return np.asarray(audible / (np.var(measured, axis=0) + self.faint))
+
+    @cached_property
+    def noise(self) -> Array:
+        """(J,) variance."""
+        return np.asarray(white_level(self.track.measured) ** 2)
+
+    @property
+    def faint(self) -> Array:
+        """(J,) variance of an effort that counts half."""
+        return np.asarray(np.maximum(_AUDIBLE * self.noise, 1e-12))
+
+
+def driver_error(track: EffortTrack, load_weight: Array, gravity: float) -> InputFinding | None:
+    """What a driver did to efforts that the model does not explain, where one error explains them.
+
+    Args:
+        track: as measured.
+        load_weight: (M, J) efforts that the weight of the load needs.
+        gravity: m/s2, downwards.
+    """
+    comparison = _Comparison.of(track)
+    measured = track.measured[comparison.rows]
+    bases = comparison.bases(track.rigid)
+    as_read = comparison.left(measured, bases)
+    if as_read.max() < _MATERIAL:
+        return None
+    tried = [
+        *_in_order(comparison, bases),
+        *_late(comparison, bases),
+        *_compensated(comparison, load_weight, gravity),
+    ]
+    left, finding = min(tried, key=lambda each: float(each[0].sum()))
+    concerned = np.isin(track.names, finding.joints)
+    before, after = float(as_read[concerned].mean()), float(left[concerned].mean())
+    return finding if before > _MATERIAL and after < _BETTER * before else None
+
+
+_Tried = Iterator[tuple[Array, InputFinding]]
+
+
+def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
+    names = comparison.track.names
+    for sentence, order in orders(names):
+        left = comparison.left(comparison.track.measured[comparison.rows][:, order], bases)
+        concerned = comparison.track.named(order != np.arange(len(names)))
+        yield (
+            left,
+            InputFinding(
+                "effort_order",
+                f"The efforts follow from the motion if {sentence}; they were left out: correct the driver.",
+                concerned,
+            ),
+        )
+
+
+def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
+    track = comparison.track
+    step = max(float(np.median(np.diff(track.seconds))), _SHORTEST_LAG / 2.0)
+    most = int(_LONGEST_LAG / step)
+    for shift in range(-most, most + 1):
+        lag = shift * step
+        if abs(lag) < _SHORTEST_LAG:
+            continue
+        moved = linear_at(track.seconds, track.measured, track.seconds[comparison.rows] + lag)
+        sentence = (
+            f"The efforts follow from the motion if they are {abs(lag):.2f} s {'late' if lag > 0 else 'early'} beside "
+            "the positions; they were left out: correct the driver or its filter."
+        )
+        yield comparison.left(moved, bases), InputFinding("effort_late", sentence, track.names, (lag,))
+
+
+def _compensated(comparison: _Comparison, load_weight: Array, gravity: float) -> _Tried:
+    track = comparison.track
+    if track.by_gravity is None:
+        return
+    weight = -gravity * track.by_gravity[..., 2]
+    for what, subtracted in (("the arm", weight - load_weight), ("the arm and its load", weight)):
+        left = comparison.left(track.measured[comparison.rows], comparison.bases(track.rigid - subtracted))
+        sentence = (
+            f"The efforts follow from the motion without the weight of {what}: the driver subtracts it. They were left "
+            "out; record the torques of the joints as measured."
+        )
+        yield left, InputFinding("effort_compensated", sentence, track.names)

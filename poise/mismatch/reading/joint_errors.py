@@ -1,0 +1,133 @@
+"""Errors of a driver in joint states: a second publisher, whole turns, encoders that freeze."""
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.sanity import SHORTEST
+from poise.recording import JointStream
+from poise.robot import RobotModel, without_turns
+from poise.types import Array, Mask
+
+_FAR, _LEAST = 10.0, 0.01
+"""A joint state stands alone where it is farther from both neighbours than these are from each other and than the
+usual motion over two samples, by this factor, and than so much in rad or m."""
+_MIXED = 0.3
+"""Share of the joint states that stand alone from which two publishers cannot be distinguished."""
+_LONGEST_STOP, _ELSEWHERE = 0.3, 0.05
+"""s that a position stays exactly the same, and share of its range that another joint moves meanwhile."""
+_WIDTHS, _ABRUPT = (1, 2, 4, 8), 2.0
+"""Samples over which a change of the velocity counts, and how much larger that of a frozen encoder is than others."""
+
+
+def without_driver_errors(joints: JointStream, robot: RobotModel) -> tuple[JointStream, list[str], list[InputFinding]]:
+    """Joint states without those of another publisher, without whole turns, and without frozen positions.
+
+    Args:
+        joints: finite, in the order of time.
+        robot: that they move.
+
+    Raises:
+        InputError: BAD_INPUT where the joint states alternate between two publishers, or a position froze too early.
+    """
+    columns = [joints.names.index(name) for name in robot.joint_names]
+    joints, notes, mixed = _of_one_publisher(joints, columns)
+    joints, said = _turned_back(joints, robot, columns)
+    joints, frozen = _without_frozen(joints, columns)
+    return joints, [*notes, *said], [*mixed, *frozen]
+
+
+def _of_one_publisher(joints: JointStream, columns: list[int]) -> tuple[JointStream, list[str], list[InputFinding]]:
+    alone = _stands_alone(joints.position[:, columns])
+    if not alone.any():
+        return joints, [], []
+    odd = joints.position[alone][:, columns]
+    count, share = int(alone.sum()), float(alone.mean())
+    if share > _MIXED:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"{share:.0%} of the joint states jump away from the ones before and after them: two publishers write to "
+            "joint_states; record one of them",
+        )
+    if count < 3 or np.ptp(odd, axis=0).any():
+        return joints.select(~alone), [f"{count} joint states are single outliers and were left out"], []
+    # Those near the motion do not stand alone.
+    other = (joints.position[:, columns] == odd[0]).all(axis=1)
+    sentence = (
+        f"Two publishers write to joint_states: {other.sum()} of {len(joints)} messages jump to "
+        f"{' '.join(f'{value:.3g}' for value in odd[0])}, and the next ones jump back. They were left out; stop the "
+        "other publisher."
+    )
+    return joints.select(~other), [], [InputFinding("joints_mixed", sentence, tuple(joints.names[c] for c in columns))]
+
+
+def _stands_alone(position: Array) -> Mask:
+    """(N,) positions (N, J) that are far from the ones before and after, which are near each other."""
+    step = np.abs(np.diff(position, axis=0)).max(axis=1)
+    across = np.abs(position[2:] - position[:-2]).max(axis=1)
+    usual = _FAR * np.maximum(across, float(np.median(across))) + _LEAST
+    found = np.zeros(len(position), dtype=bool)
+    found[1:-1] = np.minimum(step[:-1], step[1:]) > usual
+    return found
+
+
+def _turned_back(joints: JointStream, robot: RobotModel, columns: list[int]) -> tuple[JointStream, list[str]]:
+    """Positions without jumps of whole turns, inside the range of the description where turns lead there."""
+    seconds, position = joints.seconds, joints.position.copy()
+    turning = [c for c in columns if joints.names[c] not in robot.prismatic]
+    position[:, turning] = without_turns(seconds, position[:, turning])
+    for c in turning:
+        j = robot.joint_names.index(joints.names[c])
+        lower, upper = robot.lower[j], robot.upper[j]
+        if np.isfinite([lower, upper]).all() and (position[:, c].max() > upper or position[:, c].min() < lower):
+            turns = np.round((0.5 * (lower + upper) - np.median(position[:, c])) / (2.0 * np.pi))
+            position[:, c] += 2.0 * np.pi * turns
+    changed = [joints.names[c] for c in turning if (position[:, c] != joints.position[:, c]).any()]
+    if not changed:
+        return joints, []
+    whole = JointStream(joints.stamps, joints.names, position, joints.velocity, joints.effort)
+    return whole, [f"the positions of {', '.join(changed)} were read without jumps of whole turns"]
+
+
+def _without_frozen(joints: JointStream, columns: list[int]) -> tuple[JointStream, list[InputFinding]]:
+    seconds, frozen, found = joints.seconds, np.zeros(len(joints), dtype=bool), []
+    reach = np.maximum(np.ptp(joints.position, axis=0), 1e-9)
+    for c in columns:
+        values = joints.position[:, c]
+        for first, last in _stops(seconds, values):
+            others = [other for other in columns if other != c]
+            moved = np.ptp(joints.position[first : last + 1, others], axis=0) / reach[others]
+            if not (moved > _ELSEWHERE).any():
+                continue
+            frozen[first + 1 : last + 1] = True
+            begin, end = float(seconds[first]), float(seconds[last])
+            sentence = (
+                f"{joints.names[c]} stays at exactly {values[first]:.4g} from {begin:.2f} s to {end:.2f} s, after a "
+                "stop that is too abrupt for a joint: its encoder or driver stopped; this span was left out."
+            )
+            found.append(InputFinding("encoder_frozen", sentence, (joints.names[c],), (begin, end)))
+    if found and float(np.ptp(seconds[~frozen])) < SHORTEST:
+        raise InputError(ErrorCode.BAD_INPUT, f"{found[0].sentence[:-1]}, and too little remains")
+    return (joints.select(~frozen) if found else joints), found
+
+
+def _stops(seconds: Array, values: Array) -> list[tuple[int, int]]:
+    """First and last sample of spans in which a position (N,) is exactly the same after an abrupt stop.
+
+    It moved farther just before than any other change of the velocity in this joint explains.
+    """
+    same = np.diff(values) == 0.0
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
+    spans = [(first, last) for first, last in ends.tolist() if seconds[last] - seconds[first] > _LONGEST_STOP]
+    abrupt = set()
+    for width in _WIDTHS if spans else ():
+        bend = np.abs(values[2 * width :] - 2.0 * values[width:-width] + values[: -2 * width])
+        elsewhere = np.ones(len(bend), dtype=bool)
+        # Where a position goes on after it was frozen, it jumps.
+        for end in np.ravel(spans):
+            elsewhere[max(end - 2 * width, 0) : end + 1] = False
+        most = float(bend[elsewhere].max(initial=0.0))
+        abrupt |= {
+            (first, last) for first, last in spans if first > width and bend[first - width] > _ABRUPT * most > 0.0
+        }
+    return sorted(abrupt)

@@ -1,0 +1,153 @@
+"""Joint states of wrong drivers: left out or corrected with a finding; never a false effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from field_robots import ARM, Recorded, read
+
+from poise.errors import InputError
+from poise.geometry import STANDARD_GRAVITY
+from poise.mismatch.reading import InputFinding, ReadRecording
+from poise.recording import JointStream
+from poise.robot import without_turns
+from poise.types import Array
+
+SLOW = Recorded(damping=2.0, coulomb=1.0)
+
+
+def only(reading: ReadRecording, kind: str) -> InputFinding:
+    (finding,) = reading.findings
+    assert finding.kind == kind
+    assert finding.sentence in reading.notes
+    return finding
+
+
+def with_effort(joints: JointStream, effort: Array) -> JointStream:
+    return replace(joints, effort=effort)
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        ([1, 0, 2], "shoulder and elbow were exchanged"),
+        ([2, 0, 1], "in the order wrist shoulder elbow"),
+    ],
+)
+def test_efforts_of_joints_in_another_order_are_left_out(order: list[int], said: str) -> None:
+    joints = SLOW.joints()
+    reading = read(with_effort(joints, joints.effort[:, order]))
+    assert said in only(reading, "effort_order").sentence
+    assert reading.recorded.effort is None
+
+
+@pytest.mark.parametrize("samples", [-20, 6, 50])
+def test_efforts_that_are_late_are_left_out_with_the_delay(samples: int) -> None:
+    joints = replace(Recorded(damping=2.0, coulomb=1.0, seconds=20.0), rate=125.0).joints()
+    late = joints.effort[np.clip(np.arange(len(joints)) - samples, 0, len(joints) - 1)]
+    reading = read(with_effort(joints, late))
+    assert only(reading, "effort_late").values == pytest.approx((samples / 125.0,), abs=0.011)
+    assert reading.recorded.effort is None
+
+
+def test_efforts_from_which_the_weight_of_the_arm_is_subtracted_are_left_out() -> None:
+    case = Recorded(damping=2.0, coulomb=1.0, effort_noise=0.02)
+    joints, track = case.joints(), read(case.joints()).recorded.effort
+    assert track is not None
+    assert track.by_gravity is not None
+    weight = -STANDARD_GRAVITY * track.by_gravity[..., 2]
+    there = np.stack([np.interp(joints.seconds, track.seconds, column) for column in weight.T], axis=1)
+    reading = read(with_effort(joints, joints.effort - there))
+    assert "without the weight of the arm" in only(reading, "effort_compensated").sentence
+    assert reading.recorded.effort is None
+
+
+def test_efforts_that_repeat_one_reading_and_those_at_a_limit_are_left_out() -> None:
+    joints = SLOW.joints()
+    frozen = joints.effort.copy()
+    frozen[400:700] = frozen[400]
+    reading = read(with_effort(joints, frozen))
+    assert only(reading, "effort_frozen").values == pytest.approx((joints.seconds[400], joints.seconds[699]))
+    track = reading.recorded.effort
+    assert track is not None
+    assert not ((track.seconds > joints.seconds[400]) & (track.seconds < joints.seconds[699])).any()
+    limit = float(np.quantile(np.abs(joints.effort[:, 0]), 0.9))
+    reading = read(with_effort(joints, np.clip(joints.effort, [-limit, -99, -99], [limit, 99, 99])))
+    finding = only(reading, "effort_limited")
+    assert (finding.joints, finding.values) == (("shoulder",), pytest.approx((limit,)))
+    assert reading.recorded.effort is not None
+    assert np.abs(reading.recorded.effort.measured[:, 0]).max() < limit
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_friction_rotors_and_springs_are_no_error_of_a_driver(seed: int) -> None:
+    joints = Recorded(damping=5.0, coulomb=4.0, seed=seed).joints()
+    rng = np.random.default_rng(seed)
+    acceleration = np.gradient(joints.velocity, joints.seconds, axis=0)
+    lag = np.exp(-np.arange(10) / rng.uniform(1.0, 3.0))
+    elastic = np.stack([np.convolve(column, lag / lag.sum())[: len(joints)] for column in joints.effort.T], axis=1)
+    for effort in (joints.effort + rng.uniform(0.2, 2.0, 3) * acceleration, rng.uniform(0.5, 2.0, 3) * elastic):
+        assert read(with_effort(joints, effort)).findings == ()
+
+
+def of_two_publishers(joints: JointStream, every: int) -> JointStream:
+    rows = np.arange(every, len(joints) - 1, every)
+    parts = {name: np.insert(getattr(joints, name), rows, 0.0, axis=0) for name in ("position", "velocity", "effort")}
+    return replace(joints, stamps=np.insert(joints.stamps, rows, joints.stamps[rows] - 3_000_000), **parts)
+
+
+def test_messages_of_a_second_publisher_are_left_out_with_a_finding() -> None:
+    joints = SLOW.joints()
+    reading = read(of_two_publishers(joints, 9))
+    assert "messages jump to 0 0 0" in only(reading, "joints_mixed").sentence
+    assert read(joints).recorded.effort is not None
+    assert reading.joints is not None
+    assert len(reading.joints) == len(joints)
+    with pytest.raises(InputError, match="two publishers"):
+        read(of_two_publishers(joints, 1))
+
+
+def test_a_position_that_jumps_by_whole_turns_is_read_without_them() -> None:
+    joints = SLOW.joints()
+    position = joints.position.copy()
+    position[:, 1] = np.where(position[:, 1] > np.median(position[:, 1]), position[:, 1] - 2 * np.pi, position[:, 1])
+    reading = read(replace(joints, position=position))
+    assert "the positions of elbow were read without jumps of whole turns" in reading.notes
+    assert reading.joints is not None
+    np.testing.assert_allclose(reading.joints.position, joints.position, atol=1e-12)
+
+
+def test_only_jumps_are_turns() -> None:
+    seconds = np.array([0.0, 0.01, 0.02, 5.0])
+    ways = np.array([[3.1], [-3.1], [-3.0], [1.0]])
+    np.testing.assert_allclose(
+        without_turns(seconds, ways)[:, 0], [3.1, 2 * np.pi - 3.1, 2 * np.pi - 3.0, 2 * np.pi + 1]
+    )
+    assert without_turns(seconds, np.array([[0.0], [0.1], [0.2], [4.0]]))[-1, 0] == 4.0
+
+
+def test_an_encoder_that_freezes_in_motion_is_left_out_and_a_stop_is_not() -> None:
+    joints = Recorded(seconds=20.0).joints()
+    fastest = 1000 + int(np.argmax(np.abs(joints.velocity[1000:2000, 1])))
+    position = np.round(joints.position / 1e-5) * 1e-5
+    position[fastest:, 1] = position[fastest, 1]
+    reading = read(replace(joints, position=position, velocity=np.full_like(position, np.nan)))
+    found = next(each for each in reading.findings if each.kind == "encoder_frozen")
+    assert found.joints == ("elbow",)
+    assert found.values == pytest.approx((joints.seconds[fastest], joints.seconds[-1]))
+    assert reading.recorded.seconds[-1] < joints.seconds[fastest]
+
+
+def test_joints_that_stop_one_after_the_other_are_not_frozen() -> None:
+    at = np.arange(2500) / 125.0
+    moved = [1e-5 * np.round(1e5 * 0.5 * _stopping(np.clip(at - begin, 0.0, 4.0))) for begin in (0.5, 5.0, 9.0)]
+    joints = Recorded(seconds=20.0).joints()
+    nothing = np.full_like(joints.position, np.nan)
+    still = replace(joints, position=np.stack(moved, axis=1), velocity=nothing)
+    assert not [each for each in read(still, ARM).findings if each.kind == "encoder_frozen"]
+
+
+def _stopping(seconds: Array) -> Array:
+    """A trapezoidal motion of 4 s: the velocity rises and falls in 0.1 s."""
+    velocity = np.minimum(np.minimum(seconds, 4.0 - seconds) / 0.1, 1.0)
+    return np.asarray(np.cumsum(velocity) / 125.0)
