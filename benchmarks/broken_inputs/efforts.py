@@ -106,5 +106,5 @@ WAYS = {
     "efforts in other order": Way(_efforts(lambda effort: np.roll(effort, 1, axis=1)), "order"),
     "efforts frozen": Way(_efforts(_frozen), "repeat"),
     "efforts late": Way(_with_case(_late), "late"),
-    "efforts clipped": Way(_efforts(_clipped), "largest value|limit|clip"),
+    "efforts clipped": Way(_efforts(_clipped), "end of their range"),
 }
