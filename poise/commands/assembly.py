@@ -18,7 +18,6 @@ from poise.assembly.robustness import (
     UncertainAssessment,
     carried,
 )
-from poise.assembly.statics import Deadline, unstable
 from poise.commands.assembly_pictures import (
     RerunOption,
     ScenePictureOption,
@@ -38,7 +37,7 @@ from poise.commands.output import (
     write_json,
 )
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import SceneArgument, findings_json, open_scene, open_settled
+from poise.commands.scenes import SceneArgument, findings_json, open_scene, open_settled, prepared, refuse_falling
 from poise.commands.settling import (
     PoseStdOption,
     SamplesOption,
@@ -102,7 +101,7 @@ def robustness(
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
     settled = open_settled(scene, pose_std)
-    analysis = Analysis.of(settled.assembly, deadline=Deadline.after(deadline))
+    analysis = prepared(settled, deadline)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
         _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
@@ -119,8 +118,7 @@ def robustness(
     _print_assessment(found, pushes, json_target)
     moved = [first_of(question) for question in carried(pushes, settled.seen, settled.assembly)]
     draw_pushes(analysis, moved, found.settled, picture, rerun, json_target)
-    if not (found.settled.stable or found.settled.doubtful):
-        raise unstable(found.settled.falling, found.settled.margin)
+    refuse_falling(settled, found.settled)
 
 
 def msa(

@@ -1,5 +1,7 @@
 """How commands open a scene file: prepared for many questions, with warnings about what was repaired or moved."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,13 +9,15 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import Analysis, Assembly, Settled, settle
-from poise.assembly.robustness import rolling_findings
+from poise.assembly.robustness import Assessment, likely_cause, rolling_findings
 from poise.assembly.scene import scene_findings, with_pose_covariance
-from poise.assembly.statics import Deadline
+from poise.assembly.statics import Deadline, unstable
 from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, PoiseError
 from poise.worlds import read_world
+
+_EXPLAINED = {ErrorCode.FLOATING, ErrorCode.INTERPENETRATION, ErrorCode.UNSTABLE}
 
 SceneArgument = Annotated[
     Path,
@@ -32,8 +36,25 @@ def open_scene(path: Path, pose_std: str | None = None, deadline: float | None =
         InputError: as `open_settled`.
         NoAnswerError: DEADLINE.
     """
-    assembly = open_settled(path, pose_std).assembly
-    return Analysis.of(assembly, deadline=Deadline.after(deadline))
+    return prepared(open_settled(path, pose_std), deadline)
+
+
+def prepared(settled: Settled, deadline: float | None = None) -> Analysis:
+    """The analysis of a settled scene; `deadline`: s to find its contacts.
+
+    Raises:
+        InputError: INTERPENETRATION, FLOATING.
+        NoAnswerError: DEADLINE.
+    """
+    with _explaining(settled.seen):
+        return Analysis.of(settled.assembly, deadline=Deadline.after(deadline))
+
+
+def refuse_falling(settled: Settled, found: Assessment) -> None:
+    """Raise a NoAnswerError, UNSTABLE, for a scene that is known to fall, with a warning of the likely cause."""
+    with _explaining(settled.seen):
+        if not (found.stable or found.doubtful):
+            raise unstable(found.falling, found.margin)
 
 
 def open_settled(path: Path, pose_std: str | None = None) -> Settled:
@@ -48,9 +69,21 @@ def open_settled(path: Path, pose_std: str | None = None) -> Settled:
     if pose_std is not None:
         objects = with_pose_covariance(assembly.objects, read_pose_std(pose_std))
         assembly = replace(assembly, objects=objects)
-    settled = settle(assembly)
+    with _explaining(assembly):
+        settled = settle(assembly)
     warn_of_moves(settled)
     return settled
+
+
+@contextmanager
+def _explaining(assembly: Assembly) -> Iterator[None]:
+    """Warn of the likely cause where a scene as it was given is refused, or falls."""
+    try:
+        yield
+    except PoiseError as error:
+        if error.code in _EXPLAINED and (cause := likely_cause(assembly)) is not None:
+            warn(f"{cause}; it is refused as it is given")
+        raise
 
 
 def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:

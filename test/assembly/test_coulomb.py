@@ -10,7 +10,7 @@ from test_equilibrium import slope
 
 from poise.assembly import Analysis, Push, assess
 from poise.assembly.statics import Deadline
-from poise.assembly.statics.coulomb import ElasticState
+from poise.assembly.statics.elastic_state import ElasticState
 
 
 def settled(assembly):

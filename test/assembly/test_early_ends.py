@@ -54,9 +54,11 @@ def test_the_benchmark_finds_no_row_that_stands_at_more():
     assert tally.low == 0  # it was 1: a point where all slips at once was taken for collapse
 
 
-def test_pushes_on_walls_end_no_more_than_three_per_cent_early():
-    """Three of `benchmarks.early_ends --seed 1`: two ended between two points around a peak, one where all yielded."""
-    rng, answers, number = np.random.default_rng([1, 3]), 0, {0: 19, 1: 1, 6: 2}
+@pytest.mark.parametrize(("seed", "number"), [(1, {0: 19, 1: 1, 6: 2}), (3, {6: 11})])
+def test_pushes_on_walls_end_no_more_than_three_per_cent_early(seed, number):
+    """Some of `benchmarks.early_ends`: two ended between two points around a peak, one where all yielded, and one in a
+    soft state beside a stiff one that holds more."""
+    rng, answers = np.random.default_rng([seed, 3]), 0
     for scene in range(7):
         analysis = Analysis.of(random_scene("wall", rng))
         pushes = random_pushes(analysis, 20, rng)
@@ -65,4 +67,4 @@ def test_pushes_on_walls_end_no_more_than_three_per_cent_early():
             (result,) = assess(analysis, [push], "coulomb").results
             answers += not result.doubtful
             assert result.doubtful or not stands(analysis, push, 1.03 * result.lower)
-    assert answers == 3
+    assert answers == len(number)

@@ -5,7 +5,7 @@
 - `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
-- `rolling_findings`: sentences about what stands but can roll.
+- `rolling_findings`: sentences about what stands but can roll. `likely_cause`: about what is refused or falls.
 """
 
 from poise.assembly.robustness.acceleration import AccelerationLimits, acceleration_limits
@@ -23,6 +23,7 @@ from poise.assembly.robustness.block_answers import (
     patch_factors,
 )
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
+from poise.assembly.robustness.likely_cause import likely_cause
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
@@ -61,6 +62,7 @@ __all__ = [
     "carried",
     "check_elastic",
     "coupled_questions",
+    "likely_cause",
     "limit_factors",
     "motion_probability",
     "patch_factors",

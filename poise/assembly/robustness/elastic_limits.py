@@ -145,7 +145,11 @@ class ElasticLimits:
 
     def _is_close(self, row: int, azimuth: float) -> bool:
         chord = self._elastic.chord(azimuth)
-        return chord is not None and min(self._elastic.beyond(azimuth), self._upper(row)) <= (1 + _GAP) * chord.reach
+        return chord is not None and self._room(row, azimuth) <= (1 + _GAP) * chord.reach
+
+    def _room(self, row: int, azimuth: float) -> float:
+        """What convexity and the mechanisms found allow at most."""
+        return min(self._elastic.beyond(azimuth), self._upper(row))
 
     def _beside(self, row: int, azimuth: float, close: bool) -> ElasticFactor:
         """What elastic contacts hold in a direction between known ones; if `close`, what convexity allows is enough."""
@@ -182,13 +186,18 @@ class ElasticLimits:
         return self.block.solvers.coulomb.factor(load, float(self.most[row]), self.deadline, enough)
 
     def _mend(self, row: int, azimuth: float) -> bool:
-        """Ask again where less was found than convexity says: a way had ended early. Whether more was found."""
+        """Ask again where a way had ended early: below what convexity says, or beside a neighbour with room above it.
+
+        Returns:
+            Whether more was found.
+        """
         chord, found = self._elastic.chord(azimuth), self._states.get(azimuth)
         if chord is None or found is None or self.deadline.passed:
             return False
-        if found.value >= (1 - self._close) * min(chord.reach, float(self.most[row])):
+        held = found.value >= (1 - self._close) * min(chord.reach, float(self.most[row]))
+        if held and (row in self._whole or self._room(row, azimuth) <= (1 + _GAP) * found.value):
             return False
-        better = self._between(row, chord, np.inf)
+        better = None if held else self._between(row, chord, np.inf)
         if better is None and row not in self._whole:
             better = self._from_rest(row, np.inf)
         if better is None or better.value < found.value or (better.value == found.value and found.known):

@@ -3,7 +3,7 @@
 - `block`, `block_solvers`: a block as numbers, and all solvers of it.
 - `equilibrium`, `load_factor`, `limit`: conic programs over contact forces (`solvers` calls the conic solver).
 - `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`,
-  `elastic_contacts`: elastic contacts.
+  `elastic_contacts`, `elastic_state`: elastic contacts.
 - `pushes`: loads. `analysis`: an assembly prepared for many queries. `changes`: updates after a change of the assembly.
 - `rolling`: what stands, but can roll. `symmetry`: what carries a block into itself.
 """
@@ -18,8 +18,9 @@ from poise.assembly.statics.analysis import (
 )
 from poise.assembly.statics.block import BlockGeometry, block_geometry
 from poise.assembly.statics.changes import analysis_after, begin_near, same_object
-from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, ElasticFactor
+from poise.assembly.statics.coulomb import FACTOR_TOLERANCE
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
+from poise.assembly.statics.elastic_state import ElasticFactor
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor

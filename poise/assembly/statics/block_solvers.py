@@ -7,8 +7,9 @@ import numpy as np
 
 from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
-from poise.assembly.statics.coulomb import CoulombBlock, ElasticState
+from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
+from poise.assembly.statics.elastic_state import ElasticState
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.equilibrium import Standing, stability
 from poise.assembly.statics.limit import limit_program

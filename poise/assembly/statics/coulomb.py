@@ -6,7 +6,7 @@ nothing presses the walls to the cube. Here normal forces arise only where bodie
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
+from poise.assembly.statics.elastic_state import ElasticFactor, ElasticState
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
 from poise.assembly.statics.newton_goal import Goal
@@ -41,6 +42,9 @@ _LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
 """The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 _BRIEF_LOOK = 6
 """Newton steps to a state that may stand beyond the end of a path."""
+_MODERATE, _BEYOND = 40, 3
+"""In blocks of up to so many bodies such a state is also looked for near contacts that never slip, at a factor that is
+larger by so many tolerances."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 _NEAR_STEPS, _NEAR_EARLIER = 15, 25
@@ -48,45 +52,6 @@ _NEAR_STEPS, _NEAR_EARLIER = 15, 25
 _EARLIER = 0.8  # share of its factor up to which states on the way to it count as earlier ones
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticState:
-    """The equilibrium of a block on elastic contacts.
-
-    Args:
-        stands: the contacts alone carry the load.
-        unbalanced: share of the load of a body that they do not carry, at most.
-        displacement: (6 n,) in units of load per mean stiffness.
-        settled: the equations are solved; otherwise it does not stand.
-        known: it was found before the deadline.
-    """
-
-    stands: bool
-    unbalanced: float
-    displacement: Array
-    settled: bool = True
-    known: bool = True
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticFactor:
-    """Up to which factor a block stands under a load.
-
-    Args:
-        value: it stands at this factor.
-        known: it collapses at a factor that is not much larger, or as much as was asked is held. Otherwise the deadline
-            passed, or no next equilibrium was found and no collapse: it may stand at more.
-        twist: (6 n,) the motion in which it collapses; None when it does not.
-        displacement: (6 n,) in the state in which it stands; None when it does not.
-        earlier: (6 n,) displacement on the way to that state, under a smaller factor; None where none is known.
-    """
-
-    value: float
-    known: bool
-    twist: Array | None = None
-    displacement: Array | None = None
-    earlier: Array | None = None
 
 
 class CoulombBlock:
@@ -196,6 +161,8 @@ class CoulombBlock:
             path = self._follow(load, most, deadline, tolerance, response=self._glued(load), look=look)
         if not path.ended and len(path.points) > 1:
             path = self._go_on(path, load, most, tolerance, deadline)
+        if (stuck := self._stuck_beyond(path, load, most, tolerance, deadline)) is not None:
+            path = self._go_on(stuck, load, most, tolerance, deadline)
         best = path.best
         earlier = path.up_to(_EARLIER * best.factor).displacement
         if best.factor >= most:
@@ -234,6 +201,22 @@ class CoulombBlock:
         """The state near a displacement (6 n,) under a factor of a load (6 n,), if it is soon found and stands."""
         state = self._newton(self.geometry.gravity.ravel() + factor * load, start, deadline, _BRIEF_LOOK)
         return PathPoint(state.displacement, factor) if state.settled and state.stands else None
+
+    def _stuck_beyond(
+        self, path: LoadPath, load: Array, most: float, tolerance: float, deadline: Deadline
+    ) -> LoadPath | None:
+        """A path that ended, with a state under more than its best factor near that of contacts that never slip.
+
+        None where there is none: a path may have left a stiff state for a soft one that holds less.
+        """
+        best, factor = path.best.factor, (1 + _BEYOND * tolerance) * path.best.factor
+        if not path.ended or not 0 < best < factor <= most or self.geometry.count > _MODERATE or deadline.passed:
+            return None
+        total, unlimited = self.geometry.gravity.ravel() + factor * load, np.full(len(self.contacts.stiffness), np.inf)
+        state = self._newton(total, self._tresca(total, unlimited, self._glued(total), deadline), deadline)
+        if not (state.settled and state.stands):
+            return None
+        return LoadPath([*path.points, PathPoint(state.displacement, factor)], state.displacement, False)
 
     def _go_on(self, path: LoadPath, load: Array, most: float, tolerance: float, deadline: Deadline) -> LoadPath:
         """The path on from where Newton steps found no next point of it."""

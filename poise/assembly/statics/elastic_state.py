@@ -1,0 +1,44 @@
+"""A block on elastic contacts: its state under a load, and the factor of a load up to which it stands."""
+
+from dataclasses import dataclass
+
+from poise.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticState:
+    """The equilibrium of a block on elastic contacts.
+
+    Args:
+        stands: the contacts alone carry the load.
+        unbalanced: share of the load of a body that they do not carry, at most.
+        displacement: (6 n,) in units of load per mean stiffness.
+        settled: the equations are solved; otherwise it does not stand.
+        known: it was found before the deadline.
+    """
+
+    stands: bool
+    unbalanced: float
+    displacement: Array
+    settled: bool = True
+    known: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticFactor:
+    """Up to which factor a block stands under a load.
+
+    Args:
+        value: it stands at this factor.
+        known: it collapses at a factor that is not much larger, or as much as was asked is held. Otherwise the deadline
+            passed, or no next equilibrium was found and no collapse: it may stand at more.
+        twist: (6 n,) the motion in which it collapses; None when it does not.
+        displacement: (6 n,) in the state in which it stands; None when it does not.
+        earlier: (6 n,) displacement on the way to that state, under a smaller factor; None where none is known.
+    """
+
+    value: float
+    known: bool
+    twist: Array | None = None
+    displacement: Array | None = None
+    earlier: Array | None = None

@@ -1,0 +1,83 @@
+"""Scenes that are refused or fall: read by another convention they stand, and that is said."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.broken_scenes import BREAKS, outcome_of
+from benchmarks.perceived import clean_scenes, random_pushes, seen
+from poise.assembly import Assembly, Box, RigidObject, write_scene
+from poise.assembly.robustness import likely_cause
+from poise.assembly.scene import scene_findings
+from poise.cli import run
+from poise.geometry import Pose, rotation_about
+
+Change = Callable[[RigidObject], RigidObject]
+
+
+def scene(change: Change | None = None, gravity: float = -9.81) -> Assembly:
+    """Two boxes on a floor, turned about the vertical."""
+    made = [RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True)]
+    for k, yaw in enumerate((0.4, 1.9)):
+        pose = Pose(rotation_about([0.0, 0.0, 1.0], yaw), np.array([0.0, 0.0, 0.1 + 0.2 * k]))
+        item = RigidObject(f"b{k}", Box((0.3, 0.25, 0.2)), pose, mass=2.0)
+        made.append(item if change is None else change(item))
+    return Assembly(tuple(made), np.array([0.0, 0.0, gravity]))
+
+
+def w_first(item: RigidObject) -> RigidObject:
+    return replace(item, pose=Pose.from_vector(item.pose.vector[[0, 1, 2, 6, 3, 4, 5]]))
+
+
+def half(item: RigidObject) -> RigidObject:
+    return replace(item, shape=Box((0.15, 0.125, 0.1)))
+
+
+def lower(item: RigidObject) -> RigidObject:
+    return replace(item, pose=Pose(item.pose.rotation, item.pose.translation - [0, 0, 0.1]))
+
+
+@pytest.mark.parametrize(
+    ("assembly", "word"),
+    [
+        (scene(w_first), "w x y z"),
+        (scene(half), "half as large"),
+        (scene(lower), "bottoms"),
+        (scene(gravity=9.81), "gravity along -z"),
+    ],
+)
+def test_the_cause_is_named(assembly: Assembly, word: str) -> None:
+    assert word in str(likely_cause(assembly))
+
+
+def test_no_cause_is_made_up() -> None:
+    whole = scene()
+    floating = replace(whole, objects=(whole.objects[0], whole.objects[2]))
+    assert likely_cause(floating) is None
+
+
+def test_the_command_warns_of_the_cause(tmp_path, capsys) -> None:
+    write_scene(scene(half), tmp_path / "scene.yaml")
+    assert run(["robustness", str(tmp_path / "scene.yaml")]) != 0
+    assert "half as large" in " ".join(capsys.readouterr().err.split())
+
+
+def test_seen_quaternions_of_another_order_are_a_finding() -> None:
+    rng = np.random.default_rng([1, 1])
+    clean = next(clean_scenes("shelf", rng))
+    given = seen(clean, rng, "gauss")
+    assert not scene_findings(given)
+    swapped = replace(given, objects=tuple(item if item.fixed else w_first(item) for item in given.objects))
+    (found,) = scene_findings(swapped)
+    assert "x y z w" in found.sentence
+
+
+@pytest.mark.parametrize("name", ["as stated", "one mesh in mm", "poses with y up", "one object twice"])
+def test_outcomes_of_broken_scenes(name: str) -> None:
+    rng = np.random.default_rng([3, 0])
+    clean = next(clean_scenes("stack", rng))
+    given, pushes = seen(clean, rng, "gauss"), random_pushes(clean, rng)
+    outcome, _ = outcome_of(name, clean, given, pushes, rng, 0)
+    assert outcome == ("cause named" if BREAKS[name].cause else "right")
