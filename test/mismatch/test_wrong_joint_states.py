@@ -8,7 +8,7 @@ from field_robots import ARM, Recorded, read
 
 from poise.errors import InputError
 from poise.geometry import STANDARD_GRAVITY
-from poise.mismatch.reading import InputFinding, ReadRecording
+from poise.mismatch.reading import InputFinding, ReadRecording, parse_model
 from poise.recording import JointStream
 from poise.robot import without_turns
 from poise.types import Array
@@ -88,6 +88,19 @@ def test_friction_rotors_and_springs_are_no_error_of_a_driver(seed: int) -> None
     elastic = np.stack([np.convolve(column, lag / lag.sum())[: len(joints)] for column in joints.effort.T], axis=1)
     for effort in (joints.effort + rng.uniform(0.2, 2.0, 3) * acceleration, rng.uniform(0.5, 2.0, 3) * elastic):
         assert read(with_effort(joints, effort)).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        ({"mass": 1.2, "com": [2.0, 20.0, 140.0]}, "payload.com is 141 m"),
+        ({"mass": 1.2, "inertia": [4e3, 0, 0, 5e3, 0, 4e3]}, "payload.inertia is that of 1.2 kg spread over 73.6 m"),
+        ({"mass": 1200.0}, "payload.mass of the model is 1200 kg, the robot of the description weighs 6 kg"),
+    ],
+)
+def test_a_payload_in_another_unit_is_refused_with_its_number(payload: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read(SLOW.joints(), ARM, parse_model({"payload": payload}))
 
 
 def of_two_publishers(joints: JointStream, every: int) -> JointStream:

@@ -15,7 +15,7 @@ from poise.mismatch.reading.payload import identified
 from poise.mismatch.reading.sanity import without_frozen
 from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, load_wrench
 from poise.recording import WrenchStream
 from poise.types import Array
 from poise.weighing import on_both
@@ -75,6 +75,23 @@ def test_axes_of_the_base_are_refused(healthy: RecordedMotion) -> None:
     parts = (np.einsum("nij,nj->ni", turn, healthy.wrench[:, part]) for part in (slice(3), slice(3, 6)))
     with pytest.raises(InputError, match="axes of the base"):
         check_wrench(replace(healthy, wrench=np.hstack(list(parts))), "a bag")
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("degrees", [30.0, -90.0])
+def test_a_robot_that_stands_turned_against_its_description_is_refused(
+    healthy: RecordedMotion, axis: int, degrees: float
+) -> None:
+    turn = rotation_of_vector(np.radians(degrees) * np.eye(3)[axis])
+    downwards = turn @ [0.0, 0.0, -1.0]
+    gravity = np.linalg.norm(healthy.gravity[0]) * np.einsum("nji,j->ni", healthy.rotation_world_sensor, downwards)
+    wrench = load_wrench(
+        healthy.phi, gravity - healthy.linear_acceleration, healthy.angular_velocity, healthy.angular_acceleration
+    )
+    with pytest.raises(InputError, match="the base is turned by") as caught:
+        check_wrench(with_wrench(healthy, wrench), "a bag")
+    said = [float(word) for word in caught.value.message.split("along ")[1].split(" in")[0].split()]
+    np.testing.assert_allclose(said, downwards, atol=0.08)  # the load is known to 1 %, and accelerates
 
 
 @pytest.mark.parametrize("lag", [0.7, -2.0])

@@ -64,6 +64,8 @@ class Tolerance:
 
 
 # The keys of each tolerance in the file.
+_LARGEST = 5.0
+"""m: no payload reaches farther from the sensor; larger numbers are of another unit."""
 TOLERANCE_KEYS = {
     "payload_mass": ("payload", "mass"),
     "payload_com": ("payload", "com"),
@@ -253,6 +255,11 @@ def _payload(value: Any) -> Array:
             "no body has payload.inertia: ixx ixy ixz iyy iyz izz about the centre of mass need a positive sum of any "
             "two principal moments over the third; leave it out when it is not known"
         )
+    far, spread = float(np.linalg.norm(com)), float(np.sqrt(0.5 * np.trace(inertia) / mass)) if mass else 0.0
+    if far > _LARGEST:
+        raise _bad(f"payload.com is {far:.3g} m from the sensor: give it in m")
+    if spread > _LARGEST:
+        raise _bad(f"payload.inertia is that of {mass:g} kg spread over {spread:.3g} m: give it in kg m2")
     return InertialParameters(mass, com, inertia).phi
 
 

@@ -20,6 +20,7 @@ from poise.mismatch.reading.payload import identified, loosened
 from poise.mismatch.reading.sanity import (
     check_frame_motion,
     check_motion,
+    check_payload,
     exceeded_limits,
     without_frozen,
     without_spikes,
@@ -134,6 +135,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
         return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
+    check_payload(robot, model.phi)
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
     if wrench is not None and model.phi is not None:

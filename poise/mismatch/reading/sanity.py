@@ -20,6 +20,8 @@ _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
+_HEAVIEST = 20.0
+"""Payloads are at most so many times as heavy as the robot."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
 _FROZEN, _STEPS, _MATERIAL = 0.2, 3.0, 0.05
 """s that a reading stays the same at least; by how many of its steps, and by what share of its range, the model changes
@@ -58,6 +60,21 @@ def check_positions(robot: RobotModel, position: Array) -> None:
             f"joint {name} is at {position[row, joint]:.2f}, its range in the description is "
             f"{robot.lower[joint]:.2f} to {robot.upper[joint]:.2f} {unit}: are the positions in {other}, or is the "
             "description another robot's?",
+        )
+
+
+def check_payload(robot: RobotModel, phi: Array | None) -> None:
+    """Refuse a payload (10,) that is far heavier than the robot.
+
+    Raises:
+        InputError: BAD_INPUT.
+    """
+    own = sum(float(inertia.mass) for inertia in robot.pinocchio.inertias)
+    if phi is not None and phi[0] > _HEAVIEST * own > 0.0:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"payload.mass of the model is {phi[0]:.4g} kg, the robot of the description weighs {own:.3g} kg: give it "
+            "in kg, or correct the description",
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import nearest_rotation
-from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, linear_at
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, linear_at, load_wrench
 from poise.types import Array, Mask
 from poise.weighing import (
     EXCHANGE_ERRORS,
@@ -36,6 +36,14 @@ _TURNED = 0.5
 """Ratio below which a rotation explains more than an error: a turned sensor is an effect of the library."""
 _WRONG_PAYLOAD, _EXACT, _FAR = 2.0, 1.05, 20.0
 """Factor by which the payload of the model may be off, beside a unit within `_FAR` and beyond: both are factors."""
+_LEAST_MOUNTING = 20.0
+"""degrees by which a base is turned at least; smaller tilts are an effect of the library."""
+_OR_MODEL = {
+    ErrorCode.FORCE_UNIT: "; or the payload of the model has another unit",
+    ErrorCode.TORQUE_UNIT: "; or the payload of the model has another unit",
+    ErrorCode.TORQUE_SIGN: "; or payload.com of the model has the opposite sign",
+    ErrorCode.FORCE_SIGN: "; or the robot is mounted upside down",
+}
 _LONGEST_LAG, _SHORTEST_LAG, _LAG_STEP = 10.0, 0.3, 0.02
 """s: clock errors that are looked for; shorter ones are effects of the library."""
 _ALIGNED, _MISALIGNED = 0.95, 5.0
@@ -105,9 +113,13 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
             "is it at the end of its range, is the sensor on, and its driver running?",
         )
     moments = WrenchMoments.of(recorded.wrench, recorded.prediction)
+    mounting = _mounting(recorded, moments)
+    if mounting is not None:
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {mounting}")
     error = _error(recorded, moments)
     if error is not None:
-        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}", cause=error.code.name)
+        or_model = _OR_MODEL.get(error.code, "")
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}{or_model}", cause=error.code.name)
     lag = _lag(recorded) if moments.unexplained.max() > _MATERIAL else 0.0
     if lag:
         raise InputError(
@@ -116,6 +128,37 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
             "the clocks of the wrench and of the joints differ; synchronise them, or correct the stamps",
             lag=lag,
         )
+
+
+def _mounting(recorded: RecordedMotion, moments: WrenchMoments) -> str | None:
+    """What is said where the load hangs along another direction of the base than downwards; None where it does not.
+
+    A base that is upside down shows as the opposite sign.
+    """
+    without = moments.unexplained.sum()
+    still = np.zeros((len(recorded), 3))
+    size = float(np.linalg.norm(recorded.gravity[0]))
+    along = [
+        load_wrench(recorded.phi, size * recorded.rotation_world_sensor[:, axis, :], still, still) for axis in range(3)
+    ]
+    read = recorded.wrench - recorded.wrench.mean(axis=0)
+    scale = np.repeat([max(float(np.sqrt(np.sum(np.var(read[:, part], axis=0)))), 1e-9) for part in _PARTS], 3)
+    columns = np.stack([((each - each.mean(axis=0)) / scale).ravel() for each in along], axis=1)
+    direction, *_ = np.linalg.lstsq(columns, (read / scale).ravel(), rcond=None)
+    length = float(np.linalg.norm(direction))
+    left = np.mean(((read / scale).ravel() - columns @ direction) ** 2) * 6.0
+    downwards = np.degrees(np.arccos(np.clip(-direction[2] / max(length, 1e-9), -1.0, 1.0)))
+    if not (
+        _LEAST_MOUNTING < downwards < 180.0 - _LEAST_MOUNTING
+        and 1.0 / _WRONG_PAYLOAD < length < _WRONG_PAYLOAD
+        and left < min(_EXPLAINED, _BETTER * without, _TURNED * float(moments.turned.sum()))
+    ):
+        return None
+    x, y, z = direction / length
+    return (
+        f"the load hangs along {x:.2f} {y:.2f} {z:.2f} in the axes of the base, not along 0 0 -1: the base is "
+        f"turned by {downwards:.0f} degrees; describe its mounting with a fixed joint from a level link to the base"
+    )
 
 
 def _error(recorded: RecordedMotion, moments: WrenchMoments) -> FixedError | None:
