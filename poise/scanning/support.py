@@ -165,7 +165,8 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     """
     placed = plane.placed(points)
     flat, heights = placed[:, :2].astype(np.float64), placed[:, 2].astype(np.float64)
-    over = (heights > -0.03) & (heights < _TALLEST)
+    # What is farther below is a mirror image in the plane, or the floor; the mean of a cell would fall with it.
+    over = (heights > -max(NEAR, 3 * plane.thickness)) & (heights < _TALLEST)
     flat, heights = flat[over], heights[over]
     low = np.quantile(flat, 0.001, axis=0) - CELL
     high = np.minimum(np.quantile(flat, 0.999, axis=0) + CELL, low + 4.0)

@@ -6,7 +6,9 @@ import shape_samples as samples
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.reconstruction import reconstruct
+from poise.shape.reflections import principal_axes
 from poise.shape.segmentation import segment
+from poise.shape.solid import tetrahedron_moments
 from poise.types import Array
 
 
@@ -60,3 +62,12 @@ def test_a_mirror_image_below_a_table_is_named(noise: float) -> None:
     assert abs(found.solid.volume - 0.1 * 0.06 * 0.04) < 2 * found.solid.volume_std
     doubled = np.concatenate([whole, whole * [1, 1, -1]])
     assert not reconstruct(_noisy(doubled[np.abs(doubled[:, 2]) > 1e-3], noise), 2500).missing.image
+
+
+def test_axes_of_mirror_images_are_those_of_the_solid() -> None:
+    solid = reconstruct(samples.box(np.random.default_rng(9), (0.1, 0.06, 0.04), 1000), 1000).solid
+    moments = tetrahedron_moments(solid.vertices[solid.tetrahedra]).sum(axis=0)
+    middle, axes = principal_axes(solid)
+    assert np.allclose(middle, moments[:3, 3] / moments[3, 3], atol=1e-12)
+    turned = axes @ (moments[:3, :3] / moments[3, 3] - np.outer(middle, middle)) @ axes.T
+    assert np.allclose(turned, np.diag(np.diag(turned)), atol=1e-12)
