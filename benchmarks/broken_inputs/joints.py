@@ -98,7 +98,7 @@ WAYS = {
     "joints in other order": Way(_in_other_order, "in the order|its range in the description"),
     "degrees": Way(_moved(np.degrees), "degrees"),
     "a zero 0.2 rad off": Way(_positions(_zero_off), "its range in the description", "joint_offset"),
-    "encoder freezes": Way(_joints(_encoder_freezes), "freez|frozen|repeats|stands still"),
+    "encoder freezes": Way(_joints(_encoder_freezes), "stays at exactly"),
     "wrapped": Way(_positions(_wrapped), "turn|wrap", harmless=True),
     "second publisher": Way(_joints(_second_publisher), "two publishers|publish|jump"),
     "bursts lost": Way(_joints(_without_bursts), "gap|interrupt", harmless=True),

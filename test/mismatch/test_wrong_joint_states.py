@@ -130,6 +130,12 @@ def test_a_position_that_jumps_by_whole_turns_is_read_without_them() -> None:
     np.testing.assert_allclose(reading.joints.position, joints.position, atol=1e-12)
 
 
+def test_a_reversed_joint_is_not_hidden_by_a_turn() -> None:
+    joints = SLOW.joints()
+    with pytest.raises(InputError, match="its range in the description"):
+        read(replace(joints, position=joints.position - [0.0, 4.0, 0.0]))
+
+
 def test_only_jumps_are_turns() -> None:
     seconds = np.array([0.0, 0.01, 0.02, 5.0])
     ways = np.array([[3.1], [-3.1], [-3.0], [1.0]])

@@ -76,17 +76,18 @@ def _turned_back(joints: JointStream, robot: RobotModel, columns: list[int]) -> 
     seconds, position = joints.seconds, joints.position.copy()
     turning = [c for c in columns if joints.names[c] not in robot.prismatic]
     position[:, turning] = without_turns(seconds, position[:, turning])
-    for c in turning:
-        j = robot.joint_names.index(joints.names[c])
-        lower, upper = robot.lower[j], robot.upper[j]
-        if np.isfinite([lower, upper]).all() and (position[:, c].max() > upper or position[:, c].min() < lower):
-            turns = np.round((0.5 * (lower + upper) - np.median(position[:, c])) / (2.0 * np.pi))
-            position[:, c] += 2.0 * np.pi * turns
-    changed = [joints.names[c] for c in turning if (position[:, c] != joints.position[:, c]).any()]
+    changed = [c for c in turning if (position[:, c] != joints.position[:, c]).any()]
     if not changed:
         return joints, []
+    for c in changed:  # the first reading may have been of another turn
+        j = robot.joint_names.index(joints.names[c])
+        middle = 0.5 * (robot.lower[j] + robot.upper[j])
+        if np.isfinite(middle) and (position[:, c].max() > robot.upper[j] or position[:, c].min() < robot.lower[j]):
+            position[:, c] += 2.0 * np.pi * np.round((middle - np.median(position[:, c])) / (2.0 * np.pi))
     whole = JointStream(joints.stamps, joints.names, position, joints.velocity, joints.effort)
-    return whole, [f"the positions of {', '.join(changed)} were read without jumps of whole turns"]
+    return whole, [
+        f"the positions of {', '.join(joints.names[c] for c in changed)} were read without jumps of whole turns"
+    ]
 
 
 def _without_frozen(joints: JointStream, columns: list[int]) -> tuple[JointStream, list[InputFinding]]:
