@@ -105,6 +105,6 @@ WAYS = {
     "two efforts exchanged": Way(_efforts(_exchanged), "exchanged|order"),
     "efforts in other order": Way(_efforts(lambda effort: np.roll(effort, 1, axis=1)), "order"),
     "efforts frozen": Way(_efforts(_frozen), "repeat"),
-    "efforts late": Way(_with_case(_late), "late"),
+    "efforts late": Way(_with_case(_late), r"if they are 0\.\d+ s late"),
     "efforts clipped": Way(_efforts(_clipped), "end of their range"),
 }

@@ -98,5 +98,5 @@ WAYS = {
     "repeated": Way(_wrench(_repeated), "repeats each measured wrench 5 times"),
     "tared with the load": Way(_wrench(_tared), effect="sensor_bias"),
     "clipped": Way(_wrench(_clipped), effect="saturation"),
-    "no load": Way(_wrench(_without_load), "no load|compensate|subtract"),
+    "no load": Way(_wrench(_without_load), effect="payload_parameters"),
 }
