@@ -77,6 +77,13 @@ def test_axes_of_the_base_are_refused(healthy: RecordedMotion) -> None:
         check_wrench(replace(healthy, wrench=np.hstack(list(parts))), "a bag")
 
 
+def test_a_force_at_the_end_of_its_range_is_limited_and_not_dead(healthy: RecordedMotion) -> None:
+    wrench = healthy.wrench + np.random.default_rng(3).normal(size=healthy.wrench.shape) * 0.01
+    limit = np.quantile(np.abs(wrench[:, 2]), 0.02)
+    wrench[:, 2] = np.clip(wrench[:, 2], -limit, limit)
+    check_wrench(replace(healthy, wrench=wrench), "a bag")
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("degrees", [30.0, -90.0])
 def test_a_robot_that_stands_turned_against_its_description_is_refused(

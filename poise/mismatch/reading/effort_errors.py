@@ -19,8 +19,9 @@ _SAMPLES = 1000
 """Samples of the recording that are compared."""
 _AUDIBLE = 50.0
 """Variance of an effort, in units of its noise, at which it counts half."""
-_MATERIAL, _BETTER = 0.005, 0.2
-"""Share of the variance that the model leaves at least, and the largest ratio of what an error of the driver leaves."""
+_MATERIAL, _BETTER, _AT_MOST = 0.005, 0.2, 0.4
+"""Share of the variance that the model leaves at least; largest ratio of what an error of the driver leaves, without
+and with what no error explains."""
 _LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
 """s: delays that are looked for."""
 _LOST = 0.5
@@ -130,7 +131,9 @@ def driver_error(track: EffortTrack, load_weight: Array, gravity: float) -> Inpu
     left, finding = min(tried, key=lambda each: float(each[0].sum()))
     concerned = np.isin(track.names, finding.joints)
     before, after = float(as_read[concerned].mean()), float(left[concerned].mean())
-    return finding if before > _MATERIAL and after < _BETTER * before else None
+    floor = float(np.min([as_read, *(each for each, _ in tried)], axis=0)[concerned].mean())
+    explains = after < _AT_MOST * before and after - floor < _BETTER * (before - floor)
+    return finding if explains and before - floor > _MATERIAL else None
 
 
 _Tried = Iterator[tuple[Array, InputFinding]]

@@ -8,6 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import nearest_rotation
+from poise.mismatch.effects import limited_readings
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, linear_at, load_wrench
 from poise.types import Array, Mask
 from poise.weighing import (
@@ -38,6 +39,8 @@ _WRONG_PAYLOAD, _EXACT, _FAR = 2.0, 1.05, 20.0
 """Factor by which the payload of the model may be off, beside a unit within `_FAR` and beyond: both are factors."""
 _LEAST_MOUNTING = 20.0
 """degrees by which a base is turned at least; smaller tilts are an effect of the library."""
+_LIMITED = 0.1
+"""Share of the readings at the end of the range from which a force that does not respond is limited."""
 _OR_MODEL = {
     ErrorCode.FORCE_UNIT: "; or the payload of the model has another unit",
     ErrorCode.TORQUE_UNIT: "; or the payload of the model has another unit",
@@ -117,7 +120,7 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
     if mounting is not None:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {mounting}")
     error = _error(recorded, moments)
-    if error is not None:
+    if error is not None and not _at_its_limit(recorded, error):
         or_model = _OR_MODEL.get(error.code, "")
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}{or_model}", cause=error.code.name)
     lag = _lag(recorded) if moments.unexplained.max() > _MATERIAL else 0.0
@@ -128,6 +131,12 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
             "the clocks of the wrench and of the joints differ; synchronise them, or correct the stamps",
             lag=lag,
         )
+
+
+def _at_its_limit(recorded: RecordedMotion, error: FixedError) -> bool:
+    """Whether a force that does not respond is at the end of its range: this is an effect of the library."""
+    limited = limited_readings(recorded) if error.code is ErrorCode.SENSOR_FAULT else None
+    return limited is not None and bool(limited[:, _concerned(error)].mean() > _LIMITED)
 
 
 def _mounting(recorded: RecordedMotion, moments: WrenchMoments) -> str | None:
