@@ -96,10 +96,10 @@ def _of_float32(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 WAYS = {
     "joint reversed": Way(_moved(_reversed_joint), "opposite direction|its range in the description"),
     "joints in other order": Way(_in_other_order, "in the order|its range in the description"),
-    "degrees": Way(_moved(np.degrees), "degrees"),
+    "degrees": Way(_moved(np.degrees), "degrees|in mm"),
     "a zero 0.2 rad off": Way(_positions(_zero_off), "its range in the description", "joint_offset"),
     "encoder freezes": Way(_joints(_encoder_freezes), "stays at exactly"),
-    "wrapped": Way(_positions(_wrapped), harmless=True),
+    "wrapped": Way(_positions(_wrapped), "whole turns|its range in the description", harmless=True),
     "second publisher": Way(_joints(_second_publisher), "two publishers|publish|jump"),
     "bursts lost": Way(_joints(_without_bursts), harmless=True),
     "velocities in degrees": Way(_velocities(np.degrees), harmless=True),

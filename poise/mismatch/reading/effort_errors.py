@@ -62,6 +62,11 @@ def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]
     return track, [*found, InputFinding("effort_limited", sentence, names, limits)]
 
 
+def offset_and_friction(velocity: Array) -> list[Array]:
+    """Columns of an offset, and of viscous and dry friction at the velocities (N,) of a joint, (N,) each."""
+    return [np.ones(len(velocity)), velocity, *(np.tanh(velocity / slow) for slow in _SLOW)]
+
+
 @dataclass(frozen=True, eq=False)
 class _Comparison:
     """Efforts of a recording against models, each beside friction, rotor and offset.
@@ -81,11 +86,8 @@ class _Comparison:
         """(n, 6) orthonormal columns of each joint, with the model's effort (M, J) among them."""
         track, found = self.track, []
         for j in range(len(track.names)):
-            velocity = track.velocity[self.rows, j]
             columns = (
-                np.ones(len(self.rows)),
-                velocity,
-                *(np.tanh(velocity / slow) for slow in _SLOW),
+                *offset_and_friction(track.velocity[self.rows, j]),
                 track.acceleration[self.rows, j],
                 model[self.rows, j],
             )

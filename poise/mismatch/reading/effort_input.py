@@ -4,13 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.reading.effort_errors import driver_error, usable_efforts
+from poise.mismatch.reading.effort_errors import driver_error, offset_and_friction, usable_efforts
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array, Mask
 
-_SLOW = (0.01, 0.1)
-"""rad/s or m/s: widths of the friction that is fitted beside the gain."""
 _KNOWN = 0.1
 """One sigma of a gain, relative, up to which the joint counts."""
 _STRONG = 0.1
@@ -191,8 +189,8 @@ def _gain(track: EffortTrack, joint: int) -> _Gain:
 
 def _fitted_gain(track: EffortTrack, joint: int, *, rotor: bool) -> _Gain:
     """Least squares of an effort on the model's, beside friction, offset, and the inertia of a rotor."""
-    rigid, velocity = track.rigid[:, joint], track.velocity[:, joint]
-    beside = [np.ones(len(rigid)), velocity, *(np.tanh(velocity / slow) for slow in _SLOW)]
+    rigid = track.rigid[:, joint]
+    beside = offset_and_friction(track.velocity[:, joint])
     columns = np.stack([*beside, track.acceleration[:, joint]] if rotor else beside, axis=1)
     columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-12)
     own, rest = (
