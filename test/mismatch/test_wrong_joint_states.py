@@ -120,6 +120,13 @@ def test_messages_of_a_second_publisher_are_left_out_with_a_finding() -> None:
         read(of_two_publishers(joints, 1))
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [2, 3, 30])
+def test_few_joint_states_are_refused_without_a_warning_of_numpy(count: int) -> None:
+    with pytest.raises(InputError, match="record ten seconds or more"):
+        read(SLOW.joints().select(slice(count)))
+
+
 def test_a_position_that_jumps_by_whole_turns_is_read_without_them() -> None:
     joints = SLOW.joints()
     position = joints.position.copy()

@@ -26,9 +26,9 @@ def diagonal(*factors: float) -> Array:
 
 
 WRONG = {
-    "force and torque have the opposite sign": -np.eye(6),
-    "the torque has the opposite sign": diagonal(1, 1, 1, -1, -1, -1),
-    "fz alone has the opposite sign": diagonal(1, 1, -1, 1, 1, 1),
+    "force and torque have the opposite sign.* mounted upside down": -np.eye(6),
+    "the torque has the opposite sign.* payload.com of the model": diagonal(1, 1, 1, -1, -1, -1),
+    "fz alone has the opposite sign.* a joint counts in the opposite direction": diagonal(1, 1, -1, 1, 1, 1),
     "tx alone has the opposite sign": diagonal(1, 1, 1, -1, 1, 1),
     "the y axis is mirrored": diagonal(1, -1, 1, 1, -1, 1),
     "force x and force y are exchanged": on_both(np.eye(3)[[1, 0, 2]], np.eye(3)),

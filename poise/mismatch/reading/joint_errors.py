@@ -63,10 +63,12 @@ def _of_one_publisher(joints: JointStream, columns: list[int]) -> tuple[JointStr
 
 def _stands_alone(position: Array) -> Mask:
     """(N,) positions (N, J) that are far from the ones before and after, which are near each other."""
+    found = np.zeros(len(position), dtype=bool)
+    if len(position) < 3:
+        return found
     step = np.abs(np.diff(position, axis=0)).max(axis=1)
     across = np.abs(position[2:] - position[:-2]).max(axis=1)
     usual = _FAR * np.maximum(across, float(np.median(across))) + _LEAST
-    found = np.zeros(len(position), dtype=bool)
     found[1:-1] = np.minimum(step[:-1], step[1:]) > usual
     return found
 

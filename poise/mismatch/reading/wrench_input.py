@@ -41,12 +41,6 @@ _LEAST_MOUNTING = 20.0
 """degrees by which a base is turned at least; smaller tilts are an effect of the library."""
 _LIMITED = 0.1
 """Share of the readings at the end of the range from which a force that does not respond is limited."""
-_OR_MODEL = {
-    ErrorCode.FORCE_UNIT: "; or the payload of the model has another unit",
-    ErrorCode.TORQUE_UNIT: "; or the payload of the model has another unit",
-    ErrorCode.TORQUE_SIGN: "; or payload.com of the model has the opposite sign",
-    ErrorCode.FORCE_SIGN: "; or the robot is mounted upside down",
-}
 _LONGEST_LAG, _SHORTEST_LAG, _LAG_STEP = 10.0, 0.3, 0.02
 """s: clock errors that are looked for; shorter ones are effects of the library."""
 _ALIGNED, _MISALIGNED = 0.95, 5.0
@@ -121,8 +115,7 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {mounting}")
     error = _error(recorded, moments)
     if error is not None and not _at_its_limit(recorded, error):
-        or_model = _OR_MODEL.get(error.code, "")
-        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}{or_model}", cause=error.code.name)
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {error.sentence}{_or_else(error)}", cause=error.code.name)
     lag = _lag(recorded) if moments.unexplained.max() > _MATERIAL else 0.0
     if lag:
         raise InputError(
@@ -131,6 +124,20 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
             "the clocks of the wrench and of the joints differ; synchronise them, or correct the stamps",
             lag=lag,
         )
+
+
+def _or_else(error: FixedError) -> str:
+    """Another error with the same wrench, of the model or of the joints."""
+    if error.code in (ErrorCode.FORCE_UNIT, ErrorCode.TORQUE_UNIT):
+        return "; or the payload of the model has another unit"
+    whole = np.array_equal(np.abs(error.matrix), np.eye(6))
+    if whole and error.code is ErrorCode.FORCE_SIGN and (np.diag(error.matrix) == -1.0).all():
+        return "; or the robot is mounted upside down"
+    if whole and error.code is ErrorCode.TORQUE_SIGN and (np.diag(error.matrix)[3:] == -1.0).all():
+        return "; or payload.com of the model has the opposite sign"
+    if error.code in (ErrorCode.LEFT_HANDED_AXES, ErrorCode.FORCE_SIGN, ErrorCode.TORQUE_SIGN):
+        return "; or a joint counts in the opposite direction"
+    return ""
 
 
 def _at_its_limit(recorded: RecordedMotion, error: FixedError) -> bool:
