@@ -137,6 +137,16 @@ def test_a_position_that_jumps_by_whole_turns_is_read_without_them() -> None:
     np.testing.assert_allclose(reading.joints.position, joints.position, atol=1e-12)
 
 
+def test_a_joint_at_half_a_turn_may_be_reported_at_either_end() -> None:
+    joints = SLOW.joints()
+    position = joints.position.copy()
+    position[:, 2] += np.where(np.arange(len(joints)) % 3 == 1, 2 * np.pi, 0.0)
+    reading = read(replace(joints, position=position))
+    assert reading.findings == ()
+    assert reading.joints is not None
+    np.testing.assert_allclose(reading.joints.position, joints.position, atol=1e-12)
+
+
 def test_a_reversed_joint_is_not_hidden_by_a_turn() -> None:
     joints = SLOW.joints()
     with pytest.raises(InputError, match="its range in the description"):

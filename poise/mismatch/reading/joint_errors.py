@@ -31,14 +31,17 @@ def without_driver_errors(joints: JointStream, robot: RobotModel) -> tuple[Joint
         InputError: BAD_INPUT where the joint states alternate between two publishers, or a position froze too early.
     """
     columns = [joints.names.index(name) for name in robot.joint_names]
-    joints, notes, mixed = _of_one_publisher(joints, columns)
+    turning = np.array([name not in robot.prismatic for name in robot.joint_names])
+    joints, notes, mixed = _of_one_publisher(joints, columns, turning)
     joints, said = _turned_back(joints, robot, columns)
     joints, frozen = _without_frozen(joints, columns)
     return joints, [*notes, *said], [*mixed, *frozen]
 
 
-def _of_one_publisher(joints: JointStream, columns: list[int]) -> tuple[JointStream, list[str], list[InputFinding]]:
-    alone = _stands_alone(joints.position[:, columns])
+def _of_one_publisher(
+    joints: JointStream, columns: list[int], turning: Mask
+) -> tuple[JointStream, list[str], list[InputFinding]]:
+    alone = _stands_alone(joints.position[:, columns], turning)
     if not alone.any():
         return joints, [], []
     odd = joints.position[alone][:, columns]
@@ -61,13 +64,21 @@ def _of_one_publisher(joints: JointStream, columns: list[int]) -> tuple[JointStr
     return joints.select(~other), [], [InputFinding("joints_mixed", sentence, tuple(joints.names[c] for c in columns))]
 
 
-def _stands_alone(position: Array) -> Mask:
-    """(N,) positions (N, J) that are far from the ones before and after, which are near each other."""
+def _stands_alone(position: Array, turning: Mask) -> Mask:
+    """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
+
+    Whole turns of the joints that turn (J,) are no distance: a joint at half a turn may be reported at either end.
+    """
     found = np.zeros(len(position), dtype=bool)
     if len(position) < 3:
         return found
-    step = np.abs(np.diff(position, axis=0)).max(axis=1)
-    across = np.abs(position[2:] - position[:-2]).max(axis=1)
+
+    def distance(apart: int) -> Array:
+        change = position[apart:] - position[:-apart]
+        short = np.where(turning, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)
+        return np.asarray(np.abs(short).max(axis=1))
+
+    step, across = distance(1), distance(2)
     usual = _FAR * np.maximum(across, float(np.median(across))) + _LEAST
     found[1:-1] = np.minimum(step[:-1], step[1:]) > usual
     return found
