@@ -69,7 +69,7 @@ def outcome(case: Case, way: Way) -> tuple[str, str]:
 def main() -> int:
     """Break and answer; 0 without a false name."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("groups", nargs="*", choices=[*GROUPS, []], help="what is broken; none: everything")
+    parser.add_argument("groups", nargs="*", choices=GROUPS, help="what is broken; none: everything")
     parser.add_argument("--seed-set", choices=sorted(SEEDS), default="healthy_dev")
     parser.add_argument("--rigs", type=int, default=5, help="recordings, each broken in every way")
     parser.add_argument("--quick", action="store_true", help="one recording")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from benchmarks.broken_inputs.way import Change, Way
+from benchmarks.broken_inputs.way import Change, Way, clipped, frozen
 from benchmarks.foreign.bag import Streams
 from benchmarks.foreign.case import Case
 from benchmarks.foreign.profiles import BY_NAME
@@ -67,12 +67,6 @@ def _exchanged(effort: Array) -> Array:
     return effort[:, order]
 
 
-def _frozen(effort: Array) -> Array:
-    first = len(effort) // 3
-    effort[first : first + len(effort) // 4] = effort[first]
-    return effort
-
-
 def _one_dead(effort: Array) -> Array:
     effort[:, 1] = effort[0, 1]
     return effort
@@ -82,11 +76,6 @@ def _late(case: Case, effort: Array) -> Array:
     step = float(np.median(np.diff(case.streams.joints.stamps))) * 1e-9
     rows = np.arange(len(effort)) - round(LATE / step)
     return effort[np.maximum(rows, 0)]
-
-
-def _clipped(effort: Array) -> Array:
-    most = np.quantile(np.abs(effort), 0.9, axis=0)
-    return np.clip(effort, -most, most)
 
 
 WAYS = {
@@ -104,7 +93,7 @@ WAYS = {
     "without gravity": Way(_with_case(_without_gravity), "subtracts it|was subtracted", "effort_offset"),
     "two efforts exchanged": Way(_efforts(_exchanged), "exchanged|order"),
     "efforts in other order": Way(_efforts(lambda effort: np.roll(effort, 1, axis=1)), "order"),
-    "efforts frozen": Way(_efforts(_frozen), "repeat"),
+    "efforts frozen": Way(_efforts(frozen), "repeat"),
     "efforts late": Way(_with_case(_late), r"if they are 0\.\d+ s late"),
-    "efforts clipped": Way(_efforts(_clipped), "end of their range"),
+    "efforts clipped": Way(_efforts(clipped), "end of their range"),
 }

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.broken_inputs.way import Change, Way
+from benchmarks.broken_inputs.way import Change, Way, clipped, frozen
 from benchmarks.foreign.bag import Streams, Wrenches
 from benchmarks.foreign.case import Case
 from benchmarks.foreign.robots import Array
@@ -50,12 +50,6 @@ def _late(seconds: float) -> Change:
     return broken
 
 
-def _frozen(values: Array) -> Array:
-    first = len(values) // 3
-    values[first : first + len(values) // 4] = values[first]
-    return values
-
-
 def _repeated(values: Array) -> Array:
     return np.asarray(values[np.arange(len(values)) // 5 * 5])
 
@@ -67,11 +61,6 @@ def _dead(values: Array) -> Array:
 
 def _tared(values: Array) -> Array:
     return np.asarray(values - values[:20].mean(axis=0))
-
-
-def _clipped(values: Array) -> Array:
-    most = np.quantile(np.abs(values), 0.9, axis=0)
-    return np.clip(values, -most, most)
 
 
 def _without_load(values: Array) -> Array:
@@ -94,9 +83,9 @@ WAYS = {
     "turned 180 degrees": Way(_turned(0, 180.0), effect="sensor_rotation"),
     "1 s late": Way(_late(1.0), r"stamps are (0\.9|1\.0). s late"),
     "0.1 s early": Way(_late(-0.1), effect="clock_offset"),
-    "frozen": Way(_wrench(_frozen), "repeats one reading"),
+    "frozen": Way(_wrench(frozen), "repeats one reading"),
     "repeated": Way(_wrench(_repeated), "repeats each measured wrench 5 times"),
     "tared with the load": Way(_wrench(_tared), effect="sensor_bias"),
-    "clipped": Way(_wrench(_clipped), effect="saturation"),
+    "clipped": Way(_wrench(clipped), effect="saturation"),
     "no load": Way(_wrench(_without_load), effect="payload_parameters"),
 }

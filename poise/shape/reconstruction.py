@@ -1,7 +1,6 @@
 """From a noisy cloud to a closed solid: carved, smoothed by its own points, and matched to them."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,7 +8,7 @@ from scipy.spatial import cKDTree
 from poise.shape.carving import Stone, carve, depths_below
 from poise.shape.matching import matched
 from poise.shape.missing import Missing, bare_share, missing_of
-from poise.shape.solid import Solid
+from poise.shape.solid import Solid, part_moments
 from poise.shape.spacing import Spacing, spacing_of
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
 from poise.shape.surface_graph import unit_normals
@@ -223,30 +222,15 @@ def guarded(made: Reconstruction, labels: Indices) -> Solid:
         labels: (T,) part of each tetrahedron, 0..P-1.
     """
     moves = made.solid.vertices - made.carved.vertices
-    before = _moments(made.carved, labels)
+    before = part_moments(made.carved, labels)
     thick = np.linalg.cond(before) < _FLAT  # a part of flat tetrahedra has no volume to keep
     kept = np.ones(len(before))
     for _ in range(_HALVINGS):
         found = replace(made.solid, vertices=made.carved.vertices + moves)
-        change = np.linalg.solve(before[thick], _moments(found, labels)[thick])
+        change = np.linalg.solve(before[thick], part_moments(found, labels)[thick])
         kept[thick] = np.linalg.eigvals(change).real.min(axis=1)
         spoilt = ~(kept > _LEAST_KEPT)
         if not spoilt.any():
             return found
         moves[made.carved.tetrahedra[spoilt[labels]]] /= 2
     return replace(made.carved, volume_std=made.solid.volume_std)
-
-
-def _moments(solid: Solid, labels: Indices) -> Array:
-    """(P, 4, 4) pseudo-inertia of each part at unit density; the sums of `tetrahedron_moments`."""
-    order = np.argsort(labels, kind="stable")
-    bounds = np.searchsorted(labels[order], np.arange(int(labels.max()) + 2))
-    corners = solid.vertices[solid.tetrahedra[order]]
-    points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
-    volumes, totals = solid.volumes[order], points.sum(axis=1)
-    moments = np.empty((len(bounds) - 1, 4, 4))
-    for part, own in enumerate(slice(*pair) for pair in pairwise(bounds)):
-        weighted = (points[own] * volumes[own, None, None]).reshape(-1, 4)
-        sums = (totals[own] * volumes[own, None]).T @ totals[own]
-        moments[part] = (sums + weighted.T @ points[own].reshape(-1, 4)) / 20
-    return moments

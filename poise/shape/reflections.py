@@ -7,7 +7,7 @@ image fewer points are seen, and their density changes at the plane of symmetry,
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.solid import Solid
+from poise.shape.solid import Solid, part_moments
 from poise.types import Array
 
 _FEWER, _SIGMAS = 1.5, 6.0
@@ -43,14 +43,10 @@ def has_mirror_image(solid: Solid, points: Array, spacing: float) -> bool:
 
 
 def principal_axes(solid: Solid) -> tuple[Array, Array]:
-    """(3,) m, the centre of the volume, and (3, 3) principal axes as rows; the sums of `tetrahedron_moments`."""
-    corners = solid.vertices[solid.tetrahedra]
-    shares = solid.volumes / solid.volume
-    totals = corners.sum(axis=1)
-    middle = shares @ totals / 4
-    flat = corners.reshape(-1, 3)
-    seconds = (totals * shares[:, None]).T @ totals + (flat * np.repeat(shares, 4)[:, None]).T @ flat
-    return middle, np.linalg.eigh(seconds / 20 - np.outer(middle, middle))[1].T
+    """(3,) m, the centre of the volume, and (3, 3) principal axes as rows."""
+    (moments,) = part_moments(solid, np.zeros(len(solid.tetrahedra), dtype=np.int64))
+    middle = moments[:3, 3] / moments[3, 3]
+    return middle, np.linalg.eigh(moments[:3, :3] / moments[3, 3] - np.outer(middle, middle))[1].T
 
 
 def _sparser(height: Array, reach: float) -> bool:

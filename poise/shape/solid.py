@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,3 +90,23 @@ def tetrahedron_moments(corners: ArrayLike) -> Array:
     total = homogeneous.sum(axis=-2)
     outer = total[..., :, None] * total[..., None, :] + homogeneous.swapaxes(-1, -2) @ homogeneous
     return np.asarray(volume[..., None, None] / 20 * outer)
+
+
+def part_moments(solid: Solid, labels: Indices) -> Array:
+    """(P, 4, 4) pseudo-inertia of each part at unit density; the sums of `tetrahedron_moments`.
+
+    Args:
+        solid: its tetrahedra.
+        labels: (T,) the part of each, from 0 on.
+    """
+    order = np.argsort(labels, kind="stable")
+    bounds = np.searchsorted(labels[order], np.arange(int(labels.max()) + 2))
+    corners = solid.vertices[solid.tetrahedra[order]]
+    points = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=2)
+    volumes, totals = solid.volumes[order], points.sum(axis=1)
+    moments = np.empty((len(bounds) - 1, 4, 4))
+    for part, own in enumerate(slice(*pair) for pair in pairwise(bounds)):
+        weighted = (points[own] * volumes[own, None, None]).reshape(-1, 4)
+        sums = (totals[own] * volumes[own, None]).T @ totals[own]
+        moments[part] = (sums + weighted.T @ points[own].reshape(-1, 4)) / 20
+    return moments

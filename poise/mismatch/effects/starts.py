@@ -111,7 +111,7 @@ def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterato
     spread = 1.4826 * float(np.median(np.abs(energy - usual))) + 1e-12
     above = energy > usual + 5 * spread
     joined: list[tuple[int, int]] = []
-    for begin, end in _runs(above):
+    for begin, end in runs(above):
         if joined and recorded.seconds[begin] - recorded.seconds[joined[-1][1]] < 0.3:
             joined[-1] = (joined[-1][0], end)
         else:
@@ -133,7 +133,7 @@ def chained(spans: Sequence[tuple[float, float]], seed: tuple[float, float], apa
 
 def spans(seconds: Array, inside: Mask, beside: float) -> Iterator[tuple[float, float]]:
     """Windows (start, end), s, of the runs of a mask (N,), wider by `beside`, s, at both ends."""
-    for begin, end in _runs(inside):
+    for begin, end in runs(inside):
         yield float(seconds[begin]) - beside, float(seconds[end]) + beside
 
 
@@ -145,7 +145,7 @@ def within(seconds: Array, windows: Iterable[tuple[float, float]], beside: float
     return inside
 
 
-def _runs(inside: Mask) -> list[tuple[int, int]]:
+def runs(inside: Mask) -> list[tuple[int, int]]:
     """First and last index of each run of a mask (N,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,16 +1,23 @@
 """Errors of a driver in joint efforts: repeated readings, limits, order of joints, delays, subtracted weight."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from poise.mismatch.effects import at_ends
+from poise.mismatch.effects import at_ends, within
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.joint_input import orders
 from poise.mismatch.reading.sanity import frozen_spans
-from poise.mismatch.recorded import EffortTrack, linear_at, white_level
+from poise.mismatch.recorded import (
+    EffortTrack,
+    RecordedMotion,
+    joint_torques,
+    linear_at,
+    load_wrench,
+    white_level,
+)
 from poise.types import Array
 
 _SLOW = (0.01, 0.1)
@@ -41,15 +48,18 @@ def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]
         )
         for begin, end in spans
     ]
-    for begin, end in spans:
-        track = track.select((track.seconds < begin) | (track.seconds > end))
+    track = track.select(~within(track.seconds, spans)) if spans else track
+    track, limited = _below_limits(track)
+    return track, [*found, *limited]
+
+
+def _below_limits(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     limited = at_ends(track.measured, track.rigid)
     if not limited.any():
-        return track, found
-    at_limit = np.asarray(limited.any(axis=0))
-    names = track.named(at_limit)
-    limits = tuple(float(np.abs(track.measured[rows, j]).max()) for j, rows in enumerate(limited.T) if rows.any())
-    rows, every = np.asarray(limited.any(axis=1)), limited.mean(axis=0)[at_limit]
+        return track, []
+    at_limit, rows = np.asarray(limited.any(axis=0)), np.asarray(limited.any(axis=1))
+    names, every = track.named(at_limit), limited.mean(axis=0)[at_limit]
+    limits = tuple(np.where(limited, np.abs(track.measured), 0.0).max(axis=0)[at_limit].tolist())
     said = ", ".join(
         f"{name} at {limit:.4g} in {share:.1%}" for name, limit, share in zip(names, limits, every, strict=True)
     )
@@ -59,7 +69,7 @@ def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]
         f"Efforts stay at the end of their range, though the load changes: {said} of the samples; {left} were left out."
     )
     track = track.of_joints(~at_limit) if whole else track.select(~rows)
-    return track, [*found, InputFinding("effort_limited", sentence, names, limits)]
+    return track, [InputFinding("effort_limited", sentence, names, limits)]
 
 
 def offset_and_friction(velocity: Array) -> list[Array]:
@@ -101,6 +111,11 @@ class _Comparison:
         return np.asarray(audible / (np.var(measured, axis=0) + self.faint))
 
     @cached_property
+    def measured(self) -> Array:
+        """(n, J) efforts that were read."""
+        return np.asarray(self.track.measured[self.rows])
+
+    @cached_property
     def noise(self) -> Array:
         """(J,) variance."""
         return np.asarray(white_level(self.track.measured) ** 2)
@@ -111,24 +126,22 @@ class _Comparison:
         return np.asarray(np.maximum(_AUDIBLE * self.noise, 1e-12))
 
 
-def driver_error(track: EffortTrack, load_weight: Array, gravity: float) -> InputFinding | None:
+def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding | None:
     """What a driver did to efforts that the model does not explain, where one error explains them.
 
     Args:
-        track: as measured.
-        load_weight: (M, J) efforts that the weight of the load needs.
-        gravity: m/s2, downwards.
+        recorded: the motion, with the load.
+        track: the efforts, as measured.
     """
     comparison = _Comparison.of(track)
-    measured = track.measured[comparison.rows]
     bases = comparison.bases(track.rigid)
-    as_read = comparison.left(measured, bases)
+    as_read = comparison.left(comparison.measured, bases)
     if as_read.max() < _MATERIAL:
         return None
     tried = [
         *_in_order(comparison, bases),
         *_late(comparison, bases),
-        *_compensated(comparison, load_weight, gravity),
+        *_compensated(comparison, recorded),
     ]
     left, finding = min(tried, key=lambda each: float(each[0].sum()))
     concerned = np.isin(track.names, finding.joints)
@@ -144,7 +157,7 @@ _Tried = Iterator[tuple[Array, InputFinding]]
 def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
     names = comparison.track.names
     for sentence, order in orders(names):
-        left = comparison.left(comparison.track.measured[comparison.rows][:, order], bases)
+        left = comparison.left(comparison.measured[:, order], bases)
         concerned = comparison.track.named(order != np.arange(len(names)))
         yield (
             left,
@@ -172,13 +185,16 @@ def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
         yield comparison.left(moved, bases), InputFinding("effort_late", sentence, track.names, (lag,))
 
 
-def _compensated(comparison: _Comparison, load_weight: Array, gravity: float) -> _Tried:
+def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
     track = comparison.track
     if track.by_gravity is None:
         return
-    weight = -gravity * track.by_gravity[..., 2]
+    weight = -float(np.linalg.norm(recorded.gravity[0])) * track.by_gravity[..., 2]
+    still = np.zeros((len(recorded), 3))
+    of_load = load_wrench(recorded.phi, recorded.gravity, still, still)
+    load_weight = joint_torques(replace(recorded, effort=track), of_load[..., None])[..., 0]
     for what, subtracted in (("the arm", weight - load_weight), ("the arm and its load", weight)):
-        left = comparison.left(track.measured[comparison.rows], comparison.bases(track.rigid - subtracted))
+        left = comparison.left(comparison.measured, comparison.bases(track.rigid - subtracted))
         sentence = (
             f"The efforts follow from the motion without the weight of {what}: the driver subtracts it. They were left "
             "out; record the torques of the joints as measured."

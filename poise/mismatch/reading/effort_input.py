@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.mismatch.reading.effort_errors import driver_error, offset_and_friction, usable_efforts
 from poise.mismatch.reading.findings import InputFinding
-from poise.mismatch.recorded import EffortTrack
+from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array, Mask
 
 _KNOWN = 0.1
@@ -44,15 +44,12 @@ class _Gain:
 _UNKNOWN = _Gain(0.0, np.inf, 0.0)
 
 
-def checked_efforts(
-    track: EffortTrack, load_weight: Array, gravity: float
-) -> tuple[EffortTrack | None, list[InputFinding]]:
+def checked_efforts(recorded: RecordedMotion, track: EffortTrack) -> tuple[EffortTrack | None, list[InputFinding]]:
     """The efforts that can be compared, and what was found about the others; None when none is left.
 
     Args:
-        track: as measured, with what a rigid arm needs.
-        load_weight: (M, J) efforts that the weight of the load needs.
-        gravity: m/s2, downwards.
+        recorded: the motion, with the load.
+        track: its efforts as measured, with what a rigid arm needs.
     """
     found: list[InputFinding] = []
     still = np.ptp(track.measured, axis=0) == 0.0
@@ -73,7 +70,7 @@ def checked_efforts(
             "left out: friction, payload and gravity cannot be distinguished in a magnitude; record signed efforts."
         )
         return None, [*found, InputFinding("effort_unsigned", sentence, track.names)]
-    error = driver_error(track, load_weight[:, ~still], gravity)
+    error = driver_error(recorded, track)
     if error is not None:
         return None, [*found, error]
     track, left_out = usable_efforts(track)

@@ -1,8 +1,11 @@
 """Errors of a driver in joint states: a second publisher, whole turns, encoders that freeze."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.mismatch.effects import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
@@ -33,7 +36,7 @@ def without_driver_errors(joints: JointStream, robot: RobotModel) -> tuple[Joint
     columns = [joints.names.index(name) for name in robot.joint_names]
     turning = np.array([name not in robot.prismatic for name in robot.joint_names])
     joints, notes, mixed = _of_one_publisher(joints, columns, turning)
-    joints, said = _turned_back(joints, robot, columns)
+    joints, said = _turned_back(joints, robot, columns, turning)
     joints, frozen = _without_frozen(joints, columns)
     return joints, [*notes, *said], [*mixed, *frozen]
 
@@ -84,23 +87,22 @@ def _stands_alone(position: Array, turning: Mask) -> Mask:
     return found
 
 
-def _turned_back(joints: JointStream, robot: RobotModel, columns: list[int]) -> tuple[JointStream, list[str]]:
+def _turned_back(
+    joints: JointStream, robot: RobotModel, columns: list[int], turning: Mask
+) -> tuple[JointStream, list[str]]:
     """Positions without jumps of whole turns, inside the range of the description where turns lead there."""
-    seconds, position = joints.seconds, joints.position.copy()
-    turning = [c for c in columns if joints.names[c] not in robot.prismatic]
-    position[:, turning] = without_turns(seconds, position[:, turning])
-    changed = [c for c in turning if (position[:, c] != joints.position[:, c]).any()]
+    position = joints.position.copy()
+    turned = [c for c, turns in zip(columns, turning.tolist(), strict=True) if turns]
+    position[:, turned] = without_turns(joints.seconds, position[:, turned])
+    changed = [(j, c) for j, c in enumerate(columns) if (position[:, c] != joints.position[:, c]).any()]
     if not changed:
         return joints, []
-    for c in changed:  # the first reading may have been of another turn
-        j = robot.joint_names.index(joints.names[c])
+    for j, c in changed:  # the first reading may have been of another turn
         middle = 0.5 * (robot.lower[j] + robot.upper[j])
         if np.isfinite(middle) and (position[:, c].max() > robot.upper[j] or position[:, c].min() < robot.lower[j]):
             position[:, c] += 2.0 * np.pi * np.round((middle - np.median(position[:, c])) / (2.0 * np.pi))
-    whole = JointStream(joints.stamps, joints.names, position, joints.velocity, joints.effort)
-    return whole, [
-        f"the positions of {', '.join(joints.names[c] for c in changed)} were read without jumps of whole turns"
-    ]
+    names = ", ".join(robot.joint_names[j] for j, _ in changed)
+    return replace(joints, position=position), [f"the positions of {names} were read without jumps of whole turns"]
 
 
 def _without_frozen(joints: JointStream, columns: list[int]) -> tuple[JointStream, list[InputFinding]]:
@@ -130,9 +132,8 @@ def _stops(seconds: Array, values: Array) -> list[tuple[int, int]]:
 
     It moved farther just before than any other change of the velocity in this joint explains.
     """
-    same = np.diff(values) == 0.0
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
-    spans = [(first, last) for first, last in ends.tolist() if seconds[last] - seconds[first] > _LONGEST_STOP]
+    spans = [(first, last + 1) for first, last in runs(np.diff(values) == 0.0)]
+    spans = [(first, last) for first, last in spans if seconds[last] - seconds[first] > _LONGEST_STOP]
     abrupt = set()
     for width in _WIDTHS if spans else ():
         bend = np.abs(values[2 * width :] - 2.0 * values[width:-width] + values[: -2 * width])

@@ -63,9 +63,9 @@ class Tolerance:
     effort_offset: float = 0.01
 
 
-# The keys of each tolerance in the file.
 _LARGEST = 5.0
 """m: no payload reaches farther from the sensor; larger numbers are of another unit."""
+# The keys of each tolerance in the file.
 TOLERANCE_KEYS = {
     "payload_mass": ("payload", "mass"),
     "payload_com": ("payload", "com"),

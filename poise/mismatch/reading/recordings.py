@@ -33,7 +33,7 @@ from poise.mismatch.reading.simulator import (
 )
 from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
-from poise.mismatch.recorded import RecordedMotion, joint_torques, load_wrench
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
 from poise.robot import RobotModel, chains, robot_of
 from poise.types import Array
@@ -160,11 +160,7 @@ def _checked(
             raise InputError(ErrorCode.TOPIC_MISSING, f"{sentence}: record one of them")
         findings.append(InputFinding("no_effort", f"{sentence}: only the motion can be compared with the commands."))
     if recorded.effort is not None:
-        gravity = float(np.linalg.norm(recorded.gravity[0]))
-        still = np.zeros((len(recorded), 3))
-        weight = load_wrench(recorded.phi, recorded.gravity, still, still)
-        load_weight = joint_torques(recorded, weight[..., None])[..., 0]
-        effort, wrong = checked_efforts(recorded.effort, load_weight, gravity)
+        effort, wrong = checked_efforts(recorded, recorded.effort)
         recorded = replace(recorded, effort=effort)
         findings += wrong
     if streams.commands is not None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.effects import exceeded
+from poise.mismatch.effects import exceeded, runs, within
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.recorded import AT_REST, RecordedMotion, moving
@@ -155,15 +155,20 @@ def _knocks(spikes: Array) -> bool:
 
 def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[InputFinding]]:
     """The recording without spans in which the wrench repeats one reading, though the load moves, and what they are."""
-    frozen, found = np.zeros(len(recorded), dtype=bool), []
-    for begin, end in frozen_spans(recorded.seconds, recorded.wrench, recorded.prediction):
-        frozen |= (recorded.seconds >= begin) & (recorded.seconds <= end)
-        sentence = (
+    frozen = frozen_spans(recorded.seconds, recorded.wrench, recorded.prediction)
+    if not frozen:
+        return recorded, []
+    found = [
+        InputFinding(
+            "wrench_frozen",
             f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "
-            "or its driver stopped; this span was left out."
+            "or its driver stopped; this span was left out.",
+            (),
+            (begin, end),
         )
-        found.append(InputFinding("wrench_frozen", sentence, (), (begin, end)))
-    return (recorded.select(~frozen) if found else recorded), found
+        for begin, end in frozen
+    ]
+    return recorded.select(~within(recorded.seconds, frozen)), found
 
 
 def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple[float, float]]:
@@ -175,16 +180,15 @@ def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple
         seconds: (N,). readings, expected: (N, C) as measured, and of the model.
     """
     change = np.abs(np.diff(readings, axis=0))
-    same = (change <= 1e-12 * np.abs(readings[1:])).all(axis=1)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
+    same = np.asarray((change <= 1e-12 * np.abs(readings[1:])).all(axis=1))
     steps = np.array([np.min(each[each > 0.0], initial=np.inf) for each in change.T])
     reach = np.maximum(np.ptp(expected, axis=0), 1e-9)
     found = []
-    for first, last in ends.reshape(-1, 2).tolist():
-        begin, end = float(seconds[first]), float(seconds[last])
+    for first, last in runs(same):
+        begin, end = float(seconds[first]), float(seconds[last + 1])
         if end - begin < _FROZEN:
             continue
-        moved = np.ptp(expected[first : last + 1], axis=0)
+        moved = np.ptp(expected[first : last + 2], axis=0)
         if ((moved > _STEPS * steps) & (moved / reach > _MATERIAL)).any():
             found.append((begin, end))
     return found

@@ -130,10 +130,9 @@ def _or_else(error: FixedError) -> str:
     """Another error with the same wrench, of the model or of the joints."""
     if error.code in (ErrorCode.FORCE_UNIT, ErrorCode.TORQUE_UNIT):
         return "; or the payload of the model has another unit"
-    whole = np.array_equal(np.abs(error.matrix), np.eye(6))
-    if whole and error.code is ErrorCode.FORCE_SIGN and (np.diag(error.matrix) == -1.0).all():
+    if np.array_equal(error.matrix, -np.eye(6)):
         return "; or the robot is mounted upside down"
-    if whole and error.code is ErrorCode.TORQUE_SIGN and (np.diag(error.matrix)[3:] == -1.0).all():
+    if error.code is ErrorCode.TORQUE_SIGN and (np.diag(error.matrix)[3:] == -1.0).all():
         return "; or payload.com of the model has the opposite sign"
     if error.code in (ErrorCode.LEFT_HANDED_AXES, ErrorCode.FORCE_SIGN, ErrorCode.TORQUE_SIGN):
         return "; or a joint counts in the opposite direction"
