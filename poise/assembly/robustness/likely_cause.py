@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -18,7 +19,7 @@ _LIGHT = 0.1
 """kg/m3; what is lighter may be given in mm."""
 _SAME = 0.02
 """m between two equal objects that may be one, seen twice."""
-_TURN = rotation_about([1.0, 0.0, 0.0], np.pi / 2)
+_TURN = Pose(rotation_about([1.0, 0.0, 0.0], np.pi / 2), np.zeros(3))
 
 
 @in_one_thread
@@ -57,7 +58,8 @@ def _readings(assembly: Assembly) -> Iterator[tuple[str, Callable[[], Assembly]]
     if light:
         names = ", ".join(sorted(light)[:3])
         yield f"with lengths of {names} in mm", lambda: _each(assembly, lambda item: _in_mm(item, light))
-    yield from map(_once, [assembly] * len(assembly.objects), _twice(assembly))
+    for pair in islice(_twice(assembly), len(assembly.objects)):
+        yield _once(assembly, pair)
 
 
 def _each(assembly: Assembly, change: Callable[[RigidObject], RigidObject], fixed: bool = False) -> Assembly:
@@ -72,7 +74,7 @@ def _w_first(item: RigidObject) -> RigidObject:
 
 
 def _from_y_up(item: RigidObject) -> RigidObject:
-    return replace(item, pose=Pose(_TURN @ item.pose.rotation, _TURN @ item.pose.translation))
+    return replace(item, pose=_TURN @ item.pose)
 
 
 def _from_bottom(item: RigidObject) -> RigidObject:
