@@ -156,12 +156,11 @@ def _mounting(recorded: RecordedMotion, moments: WrenchMoments) -> str | None:
     along = [
         load_wrench(recorded.phi, size * recorded.rotation_world_sensor[:, axis, :], still, still) for axis in range(3)
     ]
-    read = recorded.wrench - recorded.wrench.mean(axis=0)
-    scale = np.repeat([max(float(np.sqrt(np.sum(np.var(read[:, part], axis=0)))), 1e-9) for part in _PARTS], 3)
-    columns = np.stack([((each - each.mean(axis=0)) / scale).ravel() for each in along], axis=1)
-    direction, *_ = np.linalg.lstsq(columns, (read / scale).ravel(), rcond=None)
+    read, *columns = (each.ravel() for each in _in_sizes(recorded.wrench, *along))
+    matrix = np.stack(columns, axis=1)
+    direction, *_ = np.linalg.lstsq(matrix, read, rcond=None)
     length = float(np.linalg.norm(direction))
-    left = np.mean(((read / scale).ravel() - columns @ direction) ** 2) * 6.0
+    left = np.mean((read - matrix @ direction) ** 2) * 6.0
     downwards = np.degrees(np.arccos(np.clip(-direction[2] / max(length, 1e-9), -1.0, 1.0)))
     if not (
         _LEAST_MOUNTING < downwards < 180.0 - _LEAST_MOUNTING
@@ -291,13 +290,18 @@ def _lag(recorded: RecordedMotion) -> float:
     step = max(_LAG_STEP, recorded.period)
     grid = np.arange(0.0, recorded.seconds[-1] - recorded.seconds[0], step) + recorded.seconds[0]
     read, expected = (linear_at(recorded.seconds, values, grid) for values in (recorded.wrench, recorded.prediction))
-    scale = np.repeat([np.sqrt(np.sum(np.var(read[:, part], axis=0))) for part in _PARTS], 3)
-    read, expected = ((values - values.mean(axis=0)) / np.maximum(scale, 1e-9) for values in (read, expected))
+    read, expected = _in_sizes(read, expected)
     most = min(int(_LONGEST_LAG / step), len(grid) // 3)
     likeness = {shift: _likeness(read, expected, shift) for shift in range(-most, most + 1)}
     best = max(likeness, key=likeness.__getitem__)
     better = 1.0 - likeness[0] > _MISALIGNED * (1.0 - likeness[best])
     return best * step if better and abs(best) * step > _SHORTEST_LAG and likeness[best] > _ALIGNED else 0.0
+
+
+def _in_sizes(read: Array, *others: Array) -> list[Array]:
+    """Wrenches (N, 6) without their means, in units of how much the force and the torque that are read vary."""
+    sizes = np.repeat([np.sqrt(np.sum(np.var(read[:, part], axis=0))) for part in _PARTS], 3)
+    return [(values - values.mean(axis=0)) / np.maximum(sizes, 1e-9) for values in (read, *others)]
 
 
 def _likeness(read: Array, expected: Array, shift: int) -> float:
