@@ -19,9 +19,10 @@ from poise.types import Array
 
 _ROPE = 0.19
 """Length of the second mode's pendulum over that of the first, of a uniform rope: (2.405 / 5.520)^2."""
-_LENGTHS = np.geomspace(0.04, 1.0, 13)
-"""m: lengths that are tried: steps of 31 %, within the resolution of a swing of _DAMPING."""
-_DAMPING = 0.08
+_LENGTHS, _STARTS = np.geomspace(0.04, 1.0, 25), 3
+"""m: lengths that are tried: steps of 14 %, within the resolution of a swing of _DAMPING; and the best that a search
+begins from."""
+_DAMPING = 0.04
 
 
 class HangingChain(Effect):
@@ -60,7 +61,7 @@ class HangingChain(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The lengths of the first mode that fit best, and the second mode of a rope."""
-        for values in likely_swings(recorded, residual, _LENGTHS, _DAMPING, 2):
+        for values in likely_swings(recorded, residual, _LENGTHS, _DAMPING, _STARTS):
             yield {**values, "length_ratio": _ROPE}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
