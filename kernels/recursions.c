@@ -70,6 +70,113 @@ POISE_EXPORT void poise_pendulum(int64_t n, const double *start, const double *d
   }
 }
 
+enum { MOST_LINKS = 16, PROJECTIONS = 12 };
+
+typedef struct {
+  double at[3];
+} vector;
+
+static vector plus(vector a, double scale, vector b) {
+  const vector out = {{a.at[0] + scale * b.at[0], a.at[1] + scale * b.at[1], a.at[2] + scale * b.at[2]}};
+  return out;
+}
+
+static double dot3(vector a, vector b) { return a.at[0] * b.at[0] + a.at[1] * b.at[1] + a.at[2] * b.at[2]; }
+
+static vector cross3(vector a, vector b) {
+  const vector out = {{a.at[1] * b.at[2] - a.at[2] * b.at[1], a.at[2] * b.at[0] - a.at[0] * b.at[2],
+                       a.at[0] * b.at[1] - a.at[1] * b.at[0]}};
+  return out;
+}
+
+/* Move beads so that each is a link from the one above it, by forces along the links before the step (SHAKE): Newton's
+ * method on all tensions at once, whose matrix has three bands. Bead 0 is the pivot. */
+static void projected(int links, const double *square, const double *inverse, const vector *along, const vector *free, vector *bead) {
+  double tension[MOST_LINKS + 2] = {0.0}, lower[MOST_LINKS + 1], diagonal[MOST_LINKS + 1], upper[MOST_LINKS + 1];
+  double right[MOST_LINKS + 1];
+  for (int pass = 0; pass < PROJECTIONS; pass++) {
+    double worst = 0.0;
+    for (int i = 1; i <= links; i++) {
+      bead[i] = plus(free[i], -inverse[i] * tension[i], along[i]);
+      if (i < links) bead[i] = plus(bead[i], inverse[i] * tension[i + 1], along[i + 1]);
+    }
+    for (int i = 1; i <= links; i++) {
+      const vector here = plus(bead[i], -1.0, bead[i - 1]);
+      const double off = dot3(here, here) - square[i];
+      worst = fabs(off) > worst * square[i] ? fabs(off) / square[i] : worst;
+      right[i] = -off;
+      diagonal[i] = -2.0 * (inverse[i] + inverse[i - 1]) * dot3(here, along[i]);
+      lower[i] = i > 1 ? 2.0 * inverse[i - 1] * dot3(here, along[i - 1]) : 0.0;
+      upper[i] = i < links ? 2.0 * inverse[i] * dot3(here, along[i + 1]) : 0.0;
+    }
+    if (worst < 1e-11) return;
+    for (int i = 2; i <= links; i++) {
+      const double share = lower[i] / diagonal[i - 1];
+      diagonal[i] -= share * upper[i - 1];
+      right[i] -= share * right[i - 1];
+    }
+    for (int i = links; i >= 1; i--) {
+      right[i] = (right[i] - (i < links ? upper[i] * right[i + 1] : 0.0)) / diagonal[i];
+      tension[i] += right[i];
+    }
+  }
+  /* A link turns by more than a right angle in a step: each bead is put at its distance from the one above it. */
+  for (int i = 1; i <= links; i++) {
+    const vector here = plus(free[i], -1.0, bead[i - 1]);
+    bead[i] = plus(bead[i - 1], sqrt(square[i] / fmax(dot3(here, here), 1e-300)), here);
+  }
+}
+
+/* A rope of beads on rods from a pivot: centres of mass and directions of its first rod, (n, 3) each.
+ * `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `drive` (n, 3) m/s2 on every bead; `turn` (n, 3) rad/s of the vessel; `damping`
+ * N m s/rad of each joint; `step` s. It begins straight along `start` (3,), at rest. */
+POISE_EXPORT void poise_rope(int64_t n, int64_t links, const double *lengths, const double *masses,
+                             const double *start, const double *drive, const double *turn, double damping, double step, double *centres,
+                             double *directions) {
+  vector bead[MOST_LINKS + 1] = {{{0.0}}}, before[MOST_LINKS + 1], along[MOST_LINKS + 2], rate[MOST_LINKS + 2];
+  vector free[MOST_LINKS + 1] = {{{0.0}}};
+  double inverse[MOST_LINKS + 1] = {0.0}, square[MOST_LINKS + 1] = {0.0}, whole = 0.0;
+  const int count = (int)links;
+  for (int i = 1; i <= count; i++) {
+    const vector down = {{start[0], start[1], start[2]}};
+    bead[i] = plus(bead[i - 1], lengths[i - 1], down);
+    square[i] = lengths[i - 1] * lengths[i - 1];
+    inverse[i] = 1.0 / masses[i - 1];
+    whole += masses[i - 1];
+  }
+  for (int i = 0; i <= count; i++) before[i] = bead[i];
+  for (int64_t k = 0; k < n; k++) {
+    const vector push = {{drive[3 * k], drive[3 * k + 1], drive[3 * k + 2]}};
+    vector centre = {{0.0}};
+    rate[0] = (vector){{turn[3 * k], turn[3 * k + 1], turn[3 * k + 2]}};
+    for (int i = 1; i <= count; i++) {
+      centre = plus(centre, masses[i - 1] / whole, bead[i]);
+      along[i] = plus(bead[i], -1.0, bead[i - 1]);
+      const vector old = plus(before[i], -1.0, before[i - 1]);
+      const vector turned = cross3(along[i], plus(along[i], -1.0, old));
+      rate[i] = plus((vector){{0.0}}, 1.0 / (step * square[i]), turned);
+    }
+    for (int i = 1; i <= count; i++) {
+      const vector inertia = plus(plus(bead[i], 1.0, bead[i]), -1.0, before[i]);
+      free[i] = plus(inertia, step * step, push);
+    }
+    for (int i = 1; i <= count; i++) {
+      vector torque = plus(rate[i - 1], -1.0, rate[i]);
+      if (i < count) torque = plus(plus(torque, 1.0, rate[i + 1]), -1.0, rate[i]);
+      const vector couple = cross3(torque, along[i]);
+      const double scale = damping * step * step / square[i];
+      free[i] = plus(free[i], scale * inverse[i], couple);
+      if (i > 1) free[i - 1] = plus(free[i - 1], -scale * inverse[i - 1], couple);
+    }
+    for (int axis = 0; axis < 3; axis++) {
+      centres[3 * k + axis] = centre.at[axis];
+      directions[3 * k + axis] = along[1].at[axis] / lengths[0];
+    }
+    for (int i = 1; i <= count; i++) before[i] = bead[i];
+    projected(count, square, inverse, along, free, bead);
+  }
+}
+
 /* Steps in a time in which a part stays at a stop, at the most. */
 static const double MOST_STEPS = 1e4;
 enum { HALVINGS = 24 }; /* of the time in which a contact ends */

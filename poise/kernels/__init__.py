@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from poise.kernels.merging import hulls_of_clusters, merged_clusters
     from poise.kernels.neighbours import nearest_of, side_averages, tetrahedra_of
     from poise.kernels.records import find_records
-    from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum
+    from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum, rope
     from poise.kernels.robust import robust_fit
     from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.smoothing import CompiledSplines
@@ -64,6 +64,7 @@ __all__ = [
     "pendulum",
     "pixels_between",
     "robust_fit",
+    "rope",
     "side_averages",
     "tetrahedra_of",
     "ways_in",
@@ -89,6 +90,7 @@ _FILES = {
     "innovation_squares": "recursions",
     "innovations": "recursions",
     "pendulum": "recursions",
+    "rope": "recursions",
     "CompiledSplines": "smoothing",
     "Drawn": "matching",
     "matched_places": "matching",

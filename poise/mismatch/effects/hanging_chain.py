@@ -1,89 +1,148 @@
-"""Hanging chain: a rope, a hose or a bag hangs from the load and swings in two modes."""
+"""Hanging chain: a rope, a hose or a bag hangs from the load and swings."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
+import scipy
 
+from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import (
     PAYLOAD_REACH,
     POINT_PARAMETERS,
+    beside_errors,
+    coarsely,
     likely_swings,
     no_part,
     place_of,
+    specific_at,
     swing_frequency,
-    swinging_wrench,
 )
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.effects.rope_motion import hanging_rope, rope_modes
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-_ROPE = 0.19
-"""Length of the second mode's pendulum over that of the first, of a uniform rope: (2.405 / 5.520)^2."""
 _LENGTHS, _STARTS = np.geomspace(0.04, 1.0, 25), 3
 """m: lengths that are tried: steps of 14 %, within the resolution of a swing of _DAMPING; and the best that a search
 begins from."""
-_DAMPING = 0.04
+_DAMPING, _TIP = 0.04, 0.05
+_SAMPLES, _FEEBLE = 0.03, 0.05
+"""s between the samples of this search, and the share of the residual's square that a pendulum must explain for it."""
+_BEGINNINGS, _STEPS = (0.2, 0.4, 0.6, 0.8, 1.0), 6
+"""Shares of the recording that are fitted one after another, and steps of each fit."""
+_SLOPE, _WIDTH, _INSIDE = 1e-5, 0.01, 1e-3
+"""Relative step of a derivative, typical change, and least distance from the ends, of places in the priors."""
 
 
 class HangingChain(Effect):
-    """The first two modes of a chain of links or a rope, each as a spherical pendulum from one point of the load.
+    """A rope with a weight at its end hangs from one point of the load, for large swings too.
 
-    A small swing of a chain is the sum of its modes. A mode acts on the pivot as a pendulum with the mode's frequency
-    and participating mass; for a uniform rope of length L and mass m these are lengths 4 L / j_i^2 and masses
-    4 m / j_i^2, with j_i the zeros of the Bessel function J0. Two modes have 82 % of the mass of a rope, all of two
-    links. The nominal model has the mass rigid at the pivot.
+    It has the mass of its slowest mode as a parameter, and as its length that of the pendulum that swings as slowly:
+    for a uniform rope of length L and mass m these are 0.69 m and 0.69 L (4 / j^2, with j the first zero of the Bessel
+    function J0). The nominal model has the mass rigid at the pivot.
     """
 
     name = "hanging_chain"
     layer = "load"
-    equation = "df = -sum_i m_i l_i u_i'', each u_i a spherical pendulum (see slosh) of length l_i; i = 1, 2"
+    equation = "df = -sum_i m_i x_i'', m_i x_i'' = m_i (g - a_p) + tensions of links of fixed length, from a pivot"
     source = "modes of a hanging chain (D. Bernoulli 1733; Lamb 1923, Higher Mechanics, section 85)"
     excited_by = "starts and stops; level acceleration near the first mode's frequency"
     separating_motion = "a sudden level stop, then rest for ten seconds: a chain swings long, with a fast second mode"
     confused_with = ("slosh", "base_motion", "flexible_mode", "cable", "air_drag")
     needs = ("load",)
     made_of = ("slosh",)
-    lacks = 4.0 / 8.654**2  # the third mode of a rope
+    lacks = 4.0 / 11.792**2  # the fourth mode of a rope
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return (
             EffectParameter("length", "m", low=0.02, high=1.5, linear=False, log=True),
-            EffectParameter("length_ratio", "", low=0.05, high=0.6, linear=False, log=True, hidden=True),
-            EffectParameter("damping_ratio", "", low=5e-4, high=0.7, linear=False, log=True),
+            EffectParameter("tip", "", low=0.0, high=0.9, linear=False, hidden=True),
+            EffectParameter("damping_ratio", "", low=5e-4, high=0.3, linear=False, log=True),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS
             ),
             EffectParameter("mass", "kg", 0.3, positive=True),
-            EffectParameter("second_mass", "kg", 0.1, positive=True),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The lengths of the first mode that fit best, and the second mode of a rope."""
-        for values in likely_swings(recorded, residual, _LENGTHS, _DAMPING, _STARTS):
-            yield {**values, "length_ratio": _ROPE}
+        """The lengths whose pendulums fit best, and the rope that follows the residual from its beginning on."""
+        swings = [{**each, "tip": _TIP} for each in likely_swings(recorded, residual, _LENGTHS, _DAMPING, _STARTS)]
+        yield from swings
+        few, left = coarsely(recorded, residual, _SAMPLES)
+        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+
+        def remaining(values: Values) -> float:
+            return float(np.sum(self._rest(few, left, weight, values) ** 2))
+
+        best = min(swings, key=remaining)
+        if remaining(best) < (1.0 - _FEEBLE) * float(np.sum((beside_errors(few, left) * weight) ** 2)):
+            yield self._followed(few, left, weight, best)
+
+    def _followed(self, recorded: RecordedMotion, residual: Array, weight: Array, start: Values) -> dict[str, float]:
+        """The values after fits to longer and longer beginnings of a residual.
+
+        A rope that swings far ends elsewhere after a small change of its length: a fit to the whole recording would
+        stay at the first length that suits some of its swings.
+        """
+        moving = [p for p in self.parameters(recorded) if not (p.linear or p.name == "tip")]
+        values = dict(start)
+        for share in _BEGINNINGS:
+            rows = np.arange(len(recorded)) < share * len(recorded)
+            begun = recorded if rows.all() else recorded.select(rows)
+            off = partial(self._off, begun, residual[rows], weight, values, moving)
+            at = np.clip([p.to_unit(values[p.name]) for p in moving], _INSIDE, 1.0 - _INSIDE)
+            found = scipy.optimize.least_squares(
+                off, at, bounds=(0.0, 1.0), diff_step=_SLOPE, x_scale=_WIDTH, max_nfev=_STEPS
+            )
+            values |= _moved(moving, found.x)
+        return values
+
+    def _off(
+        self,
+        recorded: RecordedMotion,
+        residual: Array,
+        weight: Array,
+        values: dict[str, float],
+        moving: Sequence[EffectParameter],
+        places: Array,
+    ) -> Array:
+        return self._rest(recorded, residual, weight, values | _moved(moving, places))
+
+    def _rest(self, recorded: RecordedMotion, residual: Array, weight: Array, values: Values) -> Array:
+        """The residual (6 N,) beside the best mass and errors of the calibration, in units of its noise."""
+        there = (beside_errors(recorded, residual) * weight).ravel()
+        here = (beside_errors(recorded, self.columns(recorded, values)[:, :, 0]) * weight).ravel()
+        return np.asarray(there - max(float(here @ there), 0.0) / max(float(here @ here), 1e-12) * here)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        place, ratio = place_of(nonlinear), nonlinear["damping_ratio"]
-        lengths = nonlinear["length"] * np.array([1.0, nonlinear["length_ratio"]])
-        return np.stack([swinging_wrench(recorded, place, length, ratio) for length in lengths.tolist()], axis=2)
+        place, tip = place_of(nonlinear), nonlinear["tip"]
+        pull = recorded.to_world(specific_at(recorded, place))
+        rate = recorded.to_world(recorded.angular_velocity)
+        pulled, twisted = hanging_rope(
+            recorded.seconds, pull, rate, nonlinear["length"], tip, nonlinear["damping_ratio"]
+        )
+        force, twist = recorded.to_sensor(pulled), recorded.to_sensor(twisted)
+        return np.concatenate([force, cross(place, force) + twist], axis=1)[:, :, None] / rope_modes(tip).share
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        lengths = values["length"] * np.array([1.0, values["length_ratio"]])
-        first, second = (swing_frequency(recorded, length) / (2.0 * np.pi) for length in lengths.tolist())
-        mass = values["mass"] + values["second_mass"]
-        return {"total_mass": (mass, "kg"), "frequency": (first, "Hz"), "second_frequency": (second, "Hz")}
+        mass = values["mass"] / rope_modes(values["tip"]).share
+        frequency = swing_frequency(recorded, values["length"]) / (2.0 * np.pi)
+        return {"total_mass": (mass, "kg"), "tip_mass": (values["tip"] * mass, "kg"), "frequency": (frequency, "Hz")}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        if values["second_mass"] > values["mass"]:
-            return "the second mode would carry more mass than the first"
-        whole = values["mass"] + values["second_mass"]
+        whole = values["mass"] / rope_modes(values["tip"]).share
         return super().implausible(recorded, values) or no_part(recorded, values, whole)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         found = self.derived(recorded, values)
         return (
-            f"{1e3 * found['total_mass'][0]:.0f} g hang from the load and swing at {found['frequency'][0]:.2f} Hz and "
-            f"{found['second_frequency'][0]:.2f} Hz, as a rope or a chain does: the nominal payload is rigid."
+            f"{1e3 * found['total_mass'][0]:.0f} g hang from the load and swing at {found['frequency'][0]:.2f} Hz, as "
+            "a rope or a chain does: the nominal payload is rigid."
         )
+
+
+def _moved(moving: Sequence[EffectParameter], places: Array) -> dict[str, float]:
+    return {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}

@@ -112,8 +112,7 @@ TYPICAL = {
     "air_drag": {"coefficient": 1.5, **PLACE},
     "flywheel": {"momentum_x": 0.04, "momentum_y": -0.03, "momentum_z": 0.03},
     "slosh": {"mass": 0.5, "length": 0.08, "damping_ratio": 0.05, **PLACE},
-    "hanging_chain": {"mass": 0.25, "second_mass": 0.05, "length": 0.3, "length_ratio": 0.19, "damping_ratio": 0.08}
-    | PLACE,
+    "hanging_chain": {"mass": 0.25, "length": 0.3, "tip": 0.1, "damping_ratio": 0.08} | PLACE,
     "flexible_mode": {
         "mass": 0.6,
         "frequency": 4.5,

@@ -1,0 +1,28 @@
+"""Moving parts whose fit has many valleys: the search begins in the right one (another engine made the recordings)."""
+
+import pytest
+
+pytest.importorskip("mujoco", reason="the benchmark's engine is an extra: pip install '.[sim]'")
+
+from benchmarks.concealed.case import Plan, make_case
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import wrench_problem
+from poise.mismatch.inference.screening import beside
+from poise.mismatch.inference.time_limit import TimeLimit
+from poise.mismatch.reading import load_model, read_recording
+from poise.recording import open_recording
+
+
+@pytest.mark.parametrize(
+    ("name", "strength", "number", "least"),
+    [
+        ("hanging_chain", 1.0, 40, 20_000.0),  # a rope that swings far: a fit of the whole recording wins 7 000 nats
+        ("loose_part", 0.3, 1, 700.0),  # 75 g
+        ("flexible_mode", 0.3, 11, 20.0),  # the largest entry of its tensor is negative
+    ],
+)
+def test_the_evidence_for_a_moving_part_is_found(name, strength, number, least, tmp_path):
+    make_case(Plan("single", (name,), strength, False, (8_401, number))).write(tmp_path, "case")
+    reading = read_recording(open_recording(tmp_path / "case.mcap"), load_model(tmp_path / "case.yaml"))
+    found = beside(wrench_problem(reading.recorded, reading.model), [], [effect_named(name)], TimeLimit())
+    assert found[0].gain > least
