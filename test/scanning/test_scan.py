@@ -13,7 +13,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import Frame, ScanOptions, View, scan
 from poise.scanning.fusion import Surface, merged
-from poise.scanning.scan import DEFAULT_SCAN
+from poise.scanning.options import DEFAULT_SCAN
 from poise.scanning.sweep import Ring
 from poise.shape import HIDDEN_OFF
 from poise.shape.segmentation import segment
