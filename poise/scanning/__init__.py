@@ -21,7 +21,7 @@ from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.naming import ScannedBody, names_of
 from poise.scanning.options import ScanOptions
 from poise.scanning.placing import Sweep
-from poise.scanning.poses import hand_eye_of
+from poise.scanning.poses import CameraPoses, hand_eye_of
 from poise.scanning.reading import (
     MOST_FRAMES,
     PoseSource,
@@ -41,6 +41,7 @@ __all__ = [
     "MOST_FRAMES",
     "STATIONARY_FRAMES",
     "Camera",
+    "CameraPoses",
     "Coverage",
     "Frame",
     "PoseSource",

@@ -29,7 +29,7 @@ _LEAST = 2e-4
 """m that it has to be off, too."""
 
 
-class PoseDoubt(NamedTuple):
+class SurfaceDoubt(NamedTuple):
     """Where the surface would be with other poses.
 
     Args:
@@ -77,7 +77,7 @@ class _Rows(NamedTuple):
         return np.asarray(noise**2 * np.maximum(pixels / INDEPENDENT, 1.0) + pixels * (total @ means**2) / total.sum())
 
 
-def pose_doubt(views: Sequence[View], path: Path, surface: Surface, plane: Plane, farthest: float) -> PoseDoubt:
+def pose_doubt(views: Sequence[View], path: Path, surface: Surface, plane: Plane, farthest: float) -> SurfaceDoubt:
     """What the views say of their poses.
 
     Args:
@@ -113,7 +113,7 @@ def pose_doubt(views: Sequence[View], path: Path, surface: Surface, plane: Plane
     spread = float(np.sqrt(grows @ covariance @ grows))
     off = float(grows @ unknowns)
     sure = np.abs(unknowns[SHARE:]) > _SURE * np.sqrt(np.diag(covariance)[SHARE:])
-    return PoseDoubt(float(unknowns[SHARE]), unknowns[DELAY:], sure, off, spread, float(np.linalg.norm(single)))
+    return SurfaceDoubt(float(unknowns[SHARE]), unknowns[DELAY:], sure, off, spread, float(np.linalg.norm(single)))
 
 
 def _solved(parts: Sequence[_Rows], count: int) -> tuple[Array, Array]:
@@ -124,7 +124,7 @@ def _solved(parts: Sequence[_Rows], count: int) -> tuple[Array, Array]:
         pairs = list(zip(parts, weights, strict=True))
         system = np.diag(PRIOR) + sum((part.design * weight[:, None]).T @ part.design for part, weight in pairs)
         right = sum(part.design.T @ (weight * part.off) for part, weight in pairs)
-        before, unknowns = unknowns, np.asarray(-np.linalg.solve(system, right), np.float64)
+        unknowns = np.asarray(-np.linalg.solve(system, right), np.float64)
     scores = [part.design * (weight * (part.off + part.design @ unknowns))[:, None] for part, weight in pairs]
     owners = np.concatenate([part.owners for part in parts])
     return unknowns, sandwich(system, np.concatenate(scores), owners, count)

@@ -16,7 +16,7 @@ from poise.scanning.judging import judge
 from poise.scanning.moves import find_move
 from poise.scanning.options import DEFAULT_SCAN, ScanOptions
 from poise.scanning.placing import Sweep
-from poise.scanning.pose_doubt import PoseDoubt, pose_doubt
+from poise.scanning.pose_doubt import SurfaceDoubt, pose_doubt
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.shared_errors import Delayed, Path, without_shared, words_of
 from poise.scanning.support import Footprint, Plane, objects_on
@@ -103,7 +103,7 @@ class _Observed:
     surface: Surface
     moved: float
     pushed: bool
-    doubt: PoseDoubt
+    doubt: SurfaceDoubt
     notes: list[str]
 
 
@@ -119,7 +119,7 @@ def scan(
     Args:
         views: of a sweep.
         options: how.
-        progress, cancelled: told, and asked, between steps.
+        progress, cancelled: called between steps.
         delayed: the views, were the images' stamps late by so many s more; None: along a spline through their poses.
 
     Raises:
@@ -176,7 +176,7 @@ def _observed(views: Sequence[View], path: Path, options: ScanOptions, reach: Ca
         plane, footprint, n_objects, notes = look_at(views, options)
     views, footprint, surface, pushed = _fused(views, footprint, options)
     # Refined views agree, whatever errors they share: what they said before has to be asked.
-    asked = [view for view in as_they_were if view.sure] if moved else views
+    asked = ([view for view in as_they_were if view.sure] or as_they_were) if moved else views
     doubt = pose_doubt(asked, path, surface, footprint.plane, options.farthest)
     notes = [*notes, *said, *_thick(plane), *pushed]
     return _Observed(views, footprint, n_objects, surface, moved, bool(pushed), doubt, notes)

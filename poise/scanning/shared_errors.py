@@ -24,8 +24,8 @@ from poise.types import Array, Indices, Mask
 Delayed = Callable[[float], Sequence[View]]
 """The views, were the images' stamps late by so many s more."""
 PLANE, SHARE, DELAY, TURN, SHIFT = slice(0, 3), 3, 4, slice(5, 8), slice(8, 11)
-"""The unknowns: height, m, and slopes of the table; share by which depth is too long; s that stamps are late; turn, rad,
-and shift, m, of the camera in its own frame on the hand."""
+"""The unknowns: height, m, and slopes of the table; share by which depth is too long; s that stamps are late; turn,
+rad, and shift, m, of the camera in its own frame on the hand."""
 PRIOR = 1 / np.array([1.0, 1.0, 1.0, 0.01, 0.1, *[np.deg2rad(0.5)] * 3, *[2e-3] * 3]) ** 2
 """Of the unknowns: 1 over the square of one sigma."""
 INDEPENDENT = 20
@@ -33,7 +33,7 @@ INDEPENDENT = 20
 GROUPS = 12
 """Groups of views in a row, whose poses may err alike (Liang and Zeger 1986)."""
 _FEWEST = 12
-"""Views that are needed to tell a delay or a mounting from noise."""
+"""Views that are needed to distinguish a delay or a mounting from noise."""
 _PIXELS = 150
 """Of a view, that are asked for."""
 _GATES = (0.02, 0.012, 0.008, 0.006, 0.006)
@@ -101,10 +101,14 @@ def _spline(views: Sequence[View]) -> Delayed:
     moving = CubicSpline(seconds, np.array([view.translation_world_camera for view in views]))
 
     def delayed(delay: float) -> list[View]:
-        at = np.clip(seconds - delay, 0.0, seconds[-1])
-        poses = zip(views, turning(at).as_matrix(), moving(at), strict=True)
+        at = seconds - delay
+        known = (at > -2 * _STEP) & (at < seconds[-1] + 2 * _STEP)
+        at = np.clip(at, 0.0, seconds[-1])
+        poses = zip(views, turning(at).as_matrix(), moving(at), known, strict=True)
         return [
-            replace(view, rotation_world_camera=turn, translation_world_camera=place) for view, turn, place in poses
+            replace(view, rotation_world_camera=turn, translation_world_camera=place)
+            for view, turn, place, inside in poses
+            if inside
         ]
 
     return delayed
@@ -128,7 +132,7 @@ def moves_with(
 
 @dataclass(frozen=True, eq=False)
 class _TableFit:
-    """What explains the heights of a table: (11,) unknowns, the cost that is left, and m, rms, by which they move it."""
+    """What explains the heights of a table: (11,) unknowns, the cost left, and m, rms, by which they move it."""
 
     unknowns: Array
     cost: float

@@ -90,8 +90,8 @@ def reconstruct(
         noise: m, one sigma of the points along each axis; None: estimated.
         normals: (N, 3) outward unit normals, where they were measured; they are not used when many point inwards.
         seen: (N,) False where a scan completed the surface.
-        doubt: (N,) m, one sigma of where the surface is: that was completed, each place by itself, and that was seen, all
-            of it in the same direction; None: `HIDDEN_OFF`, and 0.
+        doubt: (N,) m, one sigma of where completed surface is, and by which all that was seen may be off in the same
+            direction; None: `HIDDEN_OFF`, and 0.
 
     Raises:
         InputError: as `carve`.
