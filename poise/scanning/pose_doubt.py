@@ -16,7 +16,7 @@ from poise.scanning.shared_errors import DELAY, GROUPS, INDEPENDENT, PLANE, PRIO
 from poise.scanning.support import Plane
 from poise.types import Array, Indices, Mask
 
-_POINTS, _PIXELS = 1000, 100
+_POINTS, _PIXELS = 500, 60
 """Of the surface that are looked up; of the table, in each view."""
 _GATE, _NEAR = 6e-3, 4e-3
 """m within which what a view sees is of a point, and of the table."""

@@ -135,11 +135,17 @@ def scan(
 
     check_depth(views, options)
     reach(0.0)
-    path = Path.of(views, delayed)
+    path, table = Path.of(views, delayed), None
     said: list[str] = []
+    try:
+        table = table_of(views, options)
+    except InputError:  # with these poses
+        if options.refine == "never":
+            raise
     if options.refine != "never":
-        views, path, said = without_shared(views, path, up_of(options), options.farthest, options.seed)
-    found = _agreeing(_observed(views, path, options, reach), path, options, reach)
+        views, path, said = without_shared(views, path, table and table[1], options.farthest)
+    found = _observed(views, path, options, reach, table if not said else None)
+    found = _agreeing(found, path, options, reach)
     surface, notes = found.surface, said + found.notes
     if surface.agreed < _AGREED:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
@@ -156,13 +162,19 @@ def scan(
     return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt)
 
 
-def _observed(views: Sequence[View], path: Path, options: ScanOptions, reach: Callable[[float], None]) -> _Observed:
-    """What the views show.
+def _observed(
+    views: Sequence[View],
+    path: Path,
+    options: ScanOptions,
+    reach: Callable[[float], None],
+    table: tuple[Array, Plane] | None = None,
+) -> _Observed:
+    """What the views show; the table may be known.
 
     Raises:
         InputError, NoAnswerError: as `scan`.
     """
-    table = table_of(views, options)
+    table = table or table_of(views, options)
     views, said = _of_true_depth(views, table[1], options)
     plane, footprint, n_objects, notes = look_at(views, options, None if said else table)
     reach(0.2)

@@ -12,13 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from poise.errors import InputError
 from poise.geometry import Pose
 from poise.scanning.frames import View
 from poise.scanning.fusion import coarse_points, pixels_of
 from poise.scanning.looking import each
 from poise.scanning.placing import turned_in_hand
-from poise.scanning.support import find_plane
+from poise.scanning.support import Plane
 from poise.types import Array, Indices, Mask
 
 Delayed = Callable[[float], Sequence[View]]
@@ -206,20 +205,19 @@ def sandwich(system: Array, scores: Array, owners: Indices, count: int) -> Array
 
 
 def without_shared(
-    views: Sequence[View], path: Path, up: Array, farthest: float, seed: int
+    views: Sequence[View], path: Path, plane: Plane | None, farthest: float
 ) -> tuple[Sequence[View], Path, list[str]]:
     """The views without a delay or a wrong mounting that the table shows clearly, their path, and what was done.
 
     Args:
         views: of a sweep.
         path: of them.
-        up: (3,) against gravity.
+        plane: the table, about; None: a level one.
         farthest: m from the camera up to which it is looked at.
-        seed: of the search for the table.
     """
     if len(views) < _FEWEST:
         return views, path, []
-    table = _Table(views, path, _first_plane(views, up, farthest, seed), farthest)
+    table = _Table(views, path, _first_plane(views, plane, farthest), farthest)
     free = np.ones(11, bool)
     free[SHIFT.stop - 1] = False  # along the axis: the scale of depth imitates it
     none, late, mounted = free.copy(), free.copy(), free.copy()
@@ -240,14 +238,12 @@ def without_shared(
     )
 
 
-def _first_plane(views: Sequence[View], up: Array, farthest: float, seed: int) -> Array:
-    """(3,) height, m, and slopes of the table; level where none shows."""
-    points = coarse_points(views, farthest)
-    try:
-        plane = find_plane(points, up, np.random.default_rng(seed))
-    except InputError:
-        return np.array([float(np.median(points[:, 2])) if len(points) else 0.0, 0.0, 0.0])
-    return np.asarray(np.array([plane.offset, *-plane.normal[:2]]) / plane.normal[2])
+def _first_plane(views: Sequence[View], plane: Plane | None, farthest: float) -> Array:
+    """(3,) height, m, and slopes of the table."""
+    if plane is not None:
+        return np.array([plane.offset, -plane.normal[0], -plane.normal[1]]) / float(plane.normal[2])
+    heights = coarse_points(views, farthest)[:, 2]
+    return np.array([float(np.median(heights)) if len(heights) else 0.0, 0.0, 0.0])
 
 
 def words_of(change: Array, share: float = 0.0) -> str:

@@ -18,7 +18,6 @@ from poise.shape.segmentation import segment
 
 COUNT, PERIOD = 24, 0.24
 COARSE = ScanOptions(voxel=2.5e-3)
-UP = np.array([0.0, 0.0, 1.0])
 RINGS = {"arm": Ring(low=0.4, high=1.1, sways=2), "turntable": Ring(low=0.75, high=0.75)}
 POINT = np.array([0.0, 0.0, 0.02])
 VOLUME = float(np.prod(BRICK))
@@ -60,7 +59,7 @@ def test_late_poses_are_corrected_and_the_delay_is_said(late):
     assert abs(volume - 1) < 2 * sigma
     assert sigma < 0.05
     assert "late against the poses" in said if late > 0 else "early against the poses" in said
-    path = without_shared(posed("arm", late=late), Path.of(posed("arm", late=late), None), UP, 1.2, 0)[1]
+    path = without_shared(posed("arm", late=late), Path.of(posed("arm", late=late), None), None, 1.2)[1]
     assert path.change[0] == pytest.approx(late * PERIOD, abs=2e-3)
 
 
@@ -85,7 +84,7 @@ def test_the_scale_of_depth_shows_in_the_surface_where_the_table_does_not_show_i
         for view in seen("turntable")
     ]
     path = Path.of(longer, None)
-    assert without_shared(longer, path, UP, 1.2, 0)[2] == []  # the table looks flat
+    assert without_shared(longer, path, None, 1.2)[2] == []  # the table looks flat
     volume, sigma, _ = answer(longer)
     assert abs(volume - 1) < 2 * sigma
 
