@@ -135,17 +135,7 @@ def scan(
 
     check_depth(views, options)
     reach(0.0)
-    path, table = Path.of(views, delayed), None
-    said: list[str] = []
-    try:
-        table = table_of(views, options)
-    except InputError:  # with these poses
-        if options.refine == "never":
-            raise
-    if options.refine != "never":
-        views, path, said = without_shared(views, path, table and table[1], options.farthest)
-    found = _observed(views, path, options, reach, table if not said else None)
-    found = _agreeing(found, path, options, reach)
+    found, said = _best(views, Path.of(views, delayed), options, reach)
     surface, notes = found.surface, said + found.notes
     if surface.agreed < _AGREED:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
@@ -160,6 +150,25 @@ def scan(
     doubt = None if hidden is None else _doubt(len(surface.points), found, hidden.doubt)
     counts = found.n_objects, len(found.views), found.moved
     return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt)
+
+
+def _best(
+    views: Sequence[View], path: Path, options: ScanOptions, reach: Callable[[float], None]
+) -> tuple[_Observed, list[str]]:
+    """What the views show without the errors that all poses share, and what these were.
+
+    Raises:
+        InputError, NoAnswerError: as `scan`.
+    """
+    if options.refine == "never":
+        return _observed(views, path, options, reach), []
+    try:
+        table = table_of(views, options)
+    except InputError:  # with these poses
+        table = None
+    views, path, said = without_shared(views, path, table and table[1], options.farthest)
+    found = _observed(views, path, options, reach, None if said else table)
+    return _agreeing(found, path, options, reach), said
 
 
 def _observed(
@@ -201,7 +210,7 @@ def _agreeing(found: _Observed, path: Path, options: ScanOptions, reach: Callabl
         NoAnswerError: as `scan`.
     """
     doubt = found.doubt
-    if not doubt.clear or found.moved or found.pushed or options.refine == "never":
+    if not doubt.clear or found.moved or found.pushed:
         return found
     views = rescaled(path.placed(found.views, doubt.change), doubt.share)
     try:

@@ -79,10 +79,7 @@ def test_from_one_height_the_volume_is_within_its_uncertainty(wrong):
 
 
 def test_the_scale_of_depth_shows_in_the_surface_where_the_table_does_not_show_it():
-    longer = [
-        replace(view, frame=replace(view.frame, depth=view.frame.depth * np.float32(1.01)))
-        for view in seen("turntable")
-    ]
+    longer = rescaled(seen("turntable"), 1 / 1.01 - 1)
     path = Path.of(longer, None)
     assert without_shared(longer, path, None, 1.2)[2] == []  # the table looks flat
     volume, sigma, _ = answer(longer)
