@@ -27,6 +27,8 @@ from poise.types import Array, Cancelled, Mask, Progress
 _THICK = 2e-3
 _AGREED = 0.9
 """Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
+_UNCERTAIN = 4e-4
+"""m that the poses may have put the surface elsewhere, from which on it is said."""
 _WORSE = 5e-3
 """Of this share, that corrected poses may take away."""
 _MOVED = 1e-2
@@ -136,7 +138,7 @@ def scan(
     check_depth(views, options)
     reach(0.0)
     found, said = _best(views, Path.of(views, delayed), options, reach)
-    surface, notes = found.surface, said + found.notes
+    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt)
     if surface.agreed < _AGREED:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     reach(0.8)
@@ -233,6 +235,17 @@ def _doubt(n_seen: int, found: _Observed, completed: Array) -> Array:
     After a push half of the views are where they were fitted to, and shapes are less certain.
     """
     return np.append(np.full(n_seen, found.doubt.sigma), np.maximum(completed, HIDDEN_OFF if found.pushed else 0.0))
+
+
+def _uncertain(doubt: SurfaceDoubt) -> list[str]:
+    """A note where the poses may have put the surface elsewhere."""
+    if doubt.sigma < _UNCERTAIN:
+        return []
+    return [
+        f"by what views of the same surface disagree about, all of it may be off by {1e3 * doubt.sigma:.1f} mm, which"
+        " volume_std includes: the hand-eye transform, the scale of depth or the clocks do not fit (poise calibrate);"
+        " views from high and low distinguish them"
+    ]
 
 
 def _thick(plane: Plane) -> list[str]:

@@ -73,9 +73,10 @@ def test_a_camera_that_sits_elsewhere_is_corrected_and_said():
 
 @pytest.mark.parametrize("wrong", [{"late": 0.33}, {"shift": (0.0, 3e-3, 0.0)}, {"shift": (0.0, 0.0, -3e-3)}])
 def test_from_one_height_the_volume_is_within_its_uncertainty(wrong):
-    volume, sigma, _ = answer(posed("turntable", **wrong))
+    volume, sigma, said = answer(posed("turntable", **wrong))
     assert abs(volume - 1) < 2 * sigma
     assert sigma < 0.12
+    assert ("hand-eye transform" in said) == ("shift" in wrong)
 
 
 def test_the_scale_of_depth_shows_in_the_surface_where_the_table_does_not_show_it():
