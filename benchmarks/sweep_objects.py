@@ -21,10 +21,10 @@ from poise.types import Array
 FIRST_FINAL_SEED = 1000
 """Seeds from here on are answered once, by a state that is committed; the next ones are in docs/scan.md."""
 CAMERAS = ("d435", "worse")
-_SPOT = (0.45, 0.0)
+SPOT = (0.45, 0.0)
 _LONGEST = 0.2
 """m: what is longer is scaled down, so that the sweep sees it whole."""
-_PERIOD = 240_000_000
+PERIOD = 240_000_000
 """ns between frames."""
 _COLOURS = np.array(
     [[0.55, 0.55, 0.58], [0.80, 0.65, 0.25], [0.60, 0.40, 0.20], [0.80, 0.12, 0.10], [0.10, 0.20, 0.75]]
@@ -156,11 +156,11 @@ def thing(seed: int) -> Thing:
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
         placed = vertices @ turn.T
         low, high = placed.min(axis=0), placed.max(axis=0)
-        placed = placed - [*(low + high)[:2] / 2, low[2]] + [*_SPOT, 0.0]
+        placed = placed - [*(low + high)[:2] / 2, low[2]] + [*SPOT, 0.0]
     elif stands:  # on its side, open towards where the camera looks from
-        placed = laid_down(vertices @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T, triangles, _SPOT, yaw)
+        placed = laid_down(vertices @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T, triangles, SPOT, yaw)
     else:
-        placed = laid_down(vertices, triangles, _SPOT, yaw)
+        placed = laid_down(vertices, triangles, SPOT, yaw)
     corners = placed[triangles]
     middle = corners.mean(axis=1)
     shades = _COLOURS[rng.choice(len(_COLOURS), 2, replace=False)]
@@ -209,15 +209,25 @@ def _worse(seen: Rendering, at: Array, glossy: Array, bias: float, rng: np.rando
 @cache
 def _poses(frames: int) -> tuple[Array, Array]:
     """(V, 3, 3) and (V, 3) m: the camera's, on an xArm7."""
-    sweep = FakeSweep(Scene((), middle=_SPOT), frames=frames)
+    sweep = FakeSweep(Scene((), middle=SPOT), frames=frames)
     model = RobotModel.from_file("xarm7", "link_eef")
     return arm_sweep(sweep, model, 0.0, np.random.default_rng(0))[:2]
 
 
-def swept(made: Thing, seed: int, frames: int, cameras: tuple[str, ...]) -> dict[str, list[View]]:
-    """What an xArm7 sees with each camera; the poses are exact, and the images of both show the same."""
-    scene = Scene((Body(made.corners, made.colours),), middle=_SPOT)
-    rotation, translation = _poses(frames)
+def swept(
+    made: Thing, seed: int, frames: int, cameras: tuple[str, ...], poses: tuple[Array, Array] | None = None
+) -> dict[str, list[View]]:
+    """What is seen with each camera; the poses are exact, and the images of both show the same.
+
+    Args:
+        made: on the table.
+        seed: of the noise.
+        frames: how many.
+        cameras: of `CAMERAS`.
+        poses: (V, 3, 3) and (V, 3) m of the camera; None: those of an xArm7.
+    """
+    scene = Scene((Body(made.corners, made.colours),), middle=SPOT)
+    rotation, translation = poses or _poses(frames)
     world = np.random.default_rng([seed, 19])
     bias = float(world.uniform(0.005, 0.01) * world.choice([-1, 1]))
     glossy = made.glossy if world.random() < 0.5 else made.glossy[:0]
@@ -233,5 +243,5 @@ def swept(made: Thing, seed: int, frames: int, cameras: tuple[str, ...]) -> dict
                 at = (seen.depth[..., None] * rays) @ turn.T + place
                 steps = _worse(seen, at, glossy, bias, draws[camera])
             depth = depth_in_metres(steps, "16UC1")
-            views[camera].append(View(Frame(number * _PERIOD, "camera", VGA, depth, seen.colours), turn, place))
+            views[camera].append(View(Frame(number * PERIOD, "camera", VGA, depth, seen.colours), turn, place))
     return views

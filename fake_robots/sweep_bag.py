@@ -1,6 +1,6 @@
 """A recorded sweep that never was: an arm with a depth camera on its hand circles a scene, written to a bag."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,23 +87,38 @@ def fake_views(sweep: FakeSweep, rotation: Array, translation: Array) -> Iterato
         yield View(frame, turn, place), steps
 
 
-def arm_sweep(
-    sweep: FakeSweep, model: RobotModel, joint_noise: float, rng: np.random.Generator
-) -> tuple[Array, Array, JointStream]:
-    """The camera's true poses at the frames, (V, 3, 3) and (V, 3) m, and what the encoders say all the way."""
+def _arm_path(sweep: FakeSweep, model: RobotModel) -> tuple[Array, WaypointTrajectory]:
+    """Joint positions (V, J) at the frames, and the motion through them."""
     point = np.array(sweep.point)
     start = np.array([0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0])
     hand_eye = _HAND_EYE.rotation, _HAND_EYE.translation
     path = plan_sweep(model, _HAND_EYE.parent, hand_eye, point, sweep.ring.places(point, sweep.frames), start)
     times = _FRAME_PERIOD * np.arange(sweep.frames)
-    moving = WaypointTrajectory(times, path, np.gradient(path, times, axis=0))
+    return path, WaypointTrajectory(times, path, np.gradient(path, times, axis=0))
+
+
+def _camera_at(model: RobotModel, path: Array) -> tuple[Array, Array]:
     rotation, translation = frame_poses(model, path, _HAND_EYE.parent)
-    seconds = np.arange(0.0, times[-1] + 1.5 / _JOINT_RATE, 1 / _JOINT_RATE)
+    return rotation @ _HAND_EYE.rotation, rotation @ _HAND_EYE.translation + translation
+
+
+def arm_motion(sweep: FakeSweep, model: RobotModel) -> Callable[[Array], tuple[Array, Array]]:
+    """The camera's true poses, (N, 3, 3) and (N, 3) m, at times (N,), s from the first frame on."""
+    moving = _arm_path(sweep, model)[1]
+    return lambda times: _camera_at(model, moving.at(times).position)
+
+
+def arm_sweep(
+    sweep: FakeSweep, model: RobotModel, joint_noise: float, rng: np.random.Generator
+) -> tuple[Array, Array, JointStream]:
+    """The camera's true poses at the frames, (V, 3, 3) and (V, 3) m, and what the encoders say all the way."""
+    path, moving = _arm_path(sweep, model)
+    seconds = np.arange(0.0, _FRAME_PERIOD * (sweep.frames - 1) + 1.5 / _JOINT_RATE, 1 / _JOINT_RATE)
     position = moving.at(seconds).position
     position = position + rng.normal(scale=joint_noise, size=position.shape)
     unknown = np.full_like(position, np.nan)
     states = JointStream(np.round(seconds * 1e9).astype(np.int64), model.joint_names, position, unknown, unknown)
-    return rotation @ _HAND_EYE.rotation, rotation @ _HAND_EYE.translation + translation, states
+    return *_camera_at(model, path), states
 
 
 def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]], joint_noise: float = 2e-5) -> None:

@@ -19,8 +19,9 @@ from poise.scanning.cloud_files import scan_ply
 from poise.scanning.cloud_frames import columns_of, frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.naming import ScannedBody, names_of
+from poise.scanning.options import ScanOptions
 from poise.scanning.placing import Sweep
-from poise.scanning.poses import hand_eye_of
+from poise.scanning.poses import CameraPoses, hand_eye_of
 from poise.scanning.reading import (
     MOST_FRAMES,
     PoseSource,
@@ -30,7 +31,7 @@ from poise.scanning.reading import (
     read_sweep,
     transform_of,
 )
-from poise.scanning.scan import Scan, ScanOptions, places_of, scan, scan_sweep
+from poise.scanning.scan import Scan, places_of, scan, scan_sweep
 from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions
 from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
 from poise.scanning.sweep import Ring, plan_sweep
@@ -40,6 +41,7 @@ __all__ = [
     "MOST_FRAMES",
     "STATIONARY_FRAMES",
     "Camera",
+    "CameraPoses",
     "Coverage",
     "Frame",
     "PoseSource",

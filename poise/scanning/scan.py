@@ -1,8 +1,7 @@
 """From views to the cloud of one object: seen, completed down to the table, and what is not trusted about it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,60 +11,32 @@ from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
 from poise.scanning.depth_scale import depth_scale, rescaled
 from poise.scanning.frames import View
-from poise.scanning.fusion import Surface, coarse_points, fuse
+from poise.scanning.fusion import Surface, fuse
 from poise.scanning.judging import judge
 from poise.scanning.moves import find_move
+from poise.scanning.options import DEFAULT_SCAN, ScanOptions
 from poise.scanning.placing import Sweep
+from poise.scanning.pose_doubt import SurfaceDoubt, pose_doubt
 from poise.scanning.registration import MISFIT, refined, table_misfit
-from poise.scanning.support import Footprint, Plane, find_plane, objects_on
+from poise.scanning.shared_errors import Delayed, Path, without_shared, words_of
+from poise.scanning.support import Footprint, Plane, objects_on
+from poise.scanning.table_top import check_depth, look_at, regarded, table_of, up_of
 from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
 from poise.types import Array, Cancelled, Mask, Progress
 
-_LEAST_DEPTH = 0.05
-"""Share of the pixels that have to have depth, in the middle one of the frames."""
-_EVERY = 8
-"""Rows of a depth image, one of which is asked whether it has depth."""
 _THICK = 2e-3
 _AGREED = 0.9
 """Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
+_UNCERTAIN = 4e-4
+"""m that the poses may have put the surface elsewhere, from which on it is said."""
+_WORSE = 5e-3
+"""Of this share, that corrected poses may take away."""
 _MOVED = 1e-2
 """m that a pose is moved, from which on something is wrong besides calibration."""
 SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
 SCANNED_FROM = 2 * HIDDEN_OFF
 """m over the support, from which on a scan shows the shape of an object."""
-
-
-@dataclass(frozen=True)
-class ScanOptions:
-    """How to scan.
-
-    Args:
-        voxel: m, spacing of the seen points.
-        cell: m, spacing of the completed points.
-        farthest: m from the camera up to which it is looked at.
-        region: (6,) m in the world: middle of the bottom and size of a box; objects outside are not seen. None: all.
-        near: (3,) m in the world: of several objects, the one nearest to it (the grasp); None: nearest to where the
-            camera looks.
-        up: (3,) against gravity, in the world.
-        refine: poses by ICP: when the views disagree, always, or never; and, unless never, depth that is too long or
-            too short by a share.
-        complete: fill what is hidden over the table.
-        seed: of the search for the table.
-    """
-
-    voxel: float = 1.5e-3
-    cell: float = 2e-3
-    farthest: float = 1.2
-    region: tuple[float, float, float, float, float, float] | None = None
-    near: tuple[float, float, float] | None = None
-    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    refine: Literal["auto", "always", "never"] = "auto"
-    complete: bool = True
-    seed: int = 0
-
-
-DEFAULT_SCAN = ScanOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +54,8 @@ class Scan:
         moved: m, the most that a pose was moved at the object.
         agreed: share of the surface that the views agree on.
         notes: what to read it with, one sentence each.
-        doubt: (N,) m, one sigma of where completed points are; 0 where seen; None: as `poise.shape` takes it.
+        doubt: (N,) m, one sigma of where completed points are, and of where the poses may have put all seen ones; None:
+            as `poise.shape` takes it.
     """
 
     points: Array
@@ -102,7 +74,7 @@ class Scan:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
 
     def segmented(self, options: SegmentationOptions = DEFAULT_SEGMENTATION) -> Segmentation:
-        """Its solid and parts; `solid.volume_std` includes what was not seen."""
+        """Its solid and parts; `solid.volume_std` includes what was not seen, and the errors of the poses."""
         return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen, doubt=self.doubt)
 
     @property
@@ -112,13 +84,45 @@ class Scan:
         return np.asarray(middle - (self.plane.normal @ middle - self.plane.offset) * self.plane.normal)
 
 
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """What views show of an object, and what has to be said of it.
+
+    Args:
+        views: whose poses were refined, and in which the object stands still.
+        footprint: where it stands.
+        n_objects: that stand there.
+        surface: what is seen.
+        moved: m, the most that a pose was moved at the object.
+        pushed: whether the object was.
+        doubt: of the poses.
+        notes: one sentence each.
+    """
+
+    views: Sequence[View]
+    footprint: Footprint
+    n_objects: int
+    surface: Surface
+    moved: float
+    pushed: bool
+    doubt: SurfaceDoubt
+    notes: list[str]
+
+
 def scan(
     views: Sequence[View],
     options: ScanOptions = DEFAULT_SCAN,
     progress: Progress = lambda share: None,
     cancelled: Cancelled = lambda: False,
+    delayed: Delayed | None = None,
 ) -> Scan:
     """Scan the object that the views show.
+
+    Args:
+        views: of a sweep.
+        options: how.
+        progress, cancelled: called between steps.
+        delayed: the views, were the images' stamps late by so many s more; None: along a spline through their poses.
 
     Raises:
         InputError: EMPTY without views or object, SCAN_INCOMPLETE when there is no table, when the views show too
@@ -131,44 +135,117 @@ def scan(
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
 
-    _check_depth(views, options)
+    check_depth(views, options)
     reach(0.0)
-    table = _table(views, options)
-    views, said = _of_true_depth(views, table[1], options)
-    plane, footprint, n_objects, notes = _look(views, options, None if said else table)
-    reach(0.2)
-    moved = 0.0
-    if _wants_refinement(views, plane, options):
-        views, shifts = refined(views, footprint, options.voxel)
-        moved = float(shifts.max())
-        typical = 1e3 * float(np.median(shifts))
-        said.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
-        reach(0.4)
-        plane, footprint, n_objects, notes = _look(views, options)
-    notes += said
-    notes += _thick(plane)
-    views, footprint, surface, pushed = _fused(views, footprint, options)
-    notes += pushed
+    found, said = _best(views, Path.of(views, delayed), options, reach)
+    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt)
     if surface.agreed < _AGREED:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     reach(0.8)
-    hidden = complete(surface, views, footprint, options.cell) if options.complete else None
+    hidden = complete(surface, found.views, found.footprint, options.cell) if options.complete else None
     if hidden is not None:
         notes += judge(hidden)
     reach(1.0)
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
-    doubt = None if hidden is None else _doubt(len(surface.points), hidden.doubt, bool(pushed))
-    return Scan(*cloud, plane, n_objects, len(views), moved, surface.agreed, tuple(notes), doubt)
+    doubt = None if hidden is None else _doubt(len(surface.points), found, hidden.doubt)
+    counts = found.n_objects, len(found.views), found.moved
+    return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt)
 
 
-def _doubt(n_seen: int, completed: Array, pushed: bool) -> Array:
-    """(N,) doubt of each point; that of `n_seen` points is zero.
+def _best(
+    views: Sequence[View], path: Path, options: ScanOptions, reach: Callable[[float], None]
+) -> tuple[_Observed, list[str]]:
+    """What the views show without the errors that all poses share, and what these were.
+
+    Raises:
+        InputError, NoAnswerError: as `scan`.
+    """
+    if options.refine == "never":
+        return _observed(views, path, options, reach), []
+    try:
+        table = table_of(views, options)
+    except InputError:  # with these poses
+        table = None
+    views, path, said = without_shared(views, path, table and table[1], options.farthest)
+    found = _observed(views, path, options, reach, None if said else table)
+    return _agreeing(found, path, options, reach), said
+
+
+def _observed(
+    views: Sequence[View],
+    path: Path,
+    options: ScanOptions,
+    reach: Callable[[float], None],
+    table: tuple[Array, Plane] | None = None,
+) -> _Observed:
+    """What the views show; the table may be known.
+
+    Raises:
+        InputError, NoAnswerError: as `scan`.
+    """
+    table = table or table_of(views, options)
+    views, said = _of_true_depth(views, table[1], options)
+    plane, footprint, n_objects, notes = look_at(views, options, None if said else table)
+    reach(0.2)
+    moved, as_they_were = 0.0, views
+    if _wants_refinement(views, plane, options):
+        views, shifts = refined(views, footprint, options.voxel)
+        moved = float(shifts.max())
+        typical = 1e3 * float(np.median(shifts))
+        said.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
+        reach(0.4)
+        plane, footprint, n_objects, notes = look_at(views, options)
+    views, footprint, surface, pushed = _fused(views, footprint, options)
+    # Refined views agree, whatever errors they share: what they said before has to be asked.
+    asked = ([view for view in as_they_were if view.sure] or as_they_were) if moved else views
+    doubt = pose_doubt(asked, path, surface, footprint.plane, options.farthest)
+    notes = [*notes, *said, *_thick(plane), *pushed]
+    return _Observed(views, footprint, n_objects, surface, moved, bool(pushed), doubt, notes)
+
+
+def _agreeing(found: _Observed, path: Path, options: ScanOptions, reach: Callable[[float], None]) -> _Observed:
+    """What the views show with poses that agree better about the surface, where the doubt of them is clear.
+
+    Raises:
+        NoAnswerError: as `scan`.
+    """
+    doubt = found.doubt
+    if not doubt.clear or found.moved or found.pushed:
+        return found
+    views = rescaled(path.placed(found.views, doubt.change), doubt.share)
+    try:
+        again = _observed(views, replace(path, change=path.change + doubt.change), options, reach)
+    except InputError:
+        return found
+    if again.doubt.sigma > doubt.sigma or again.surface.agreed < found.surface.agreed - _WORSE:
+        return found
+    known = words_of(np.where(doubt.sure[1:], doubt.change, 0.0), doubt.share if doubt.sure[0] else 0.0)
+    note = (
+        "views saw the same surface at different places, which was corrected:"
+        f" {known or 'the hand-eye transform, the scale of depth or the clocks do not fit'}"
+    )
+    return replace(again, notes=[*again.notes, note])
+
+
+def _doubt(n_seen: int, found: _Observed, completed: Array) -> Array:
+    """(N,) doubt of each point.
 
     After a push half of the views are where they were fitted to, and shapes are less certain.
     """
-    return np.append(np.zeros(n_seen), np.maximum(completed, HIDDEN_OFF if pushed else 0.0))
+    return np.append(np.full(n_seen, found.doubt.sigma), np.maximum(completed, HIDDEN_OFF if found.pushed else 0.0))
+
+
+def _uncertain(doubt: SurfaceDoubt) -> list[str]:
+    """A note where the poses may have put the surface elsewhere."""
+    if doubt.sigma < _UNCERTAIN:
+        return []
+    return [
+        f"by what views of the same surface disagree about, all of it may be off by {1e3 * doubt.sigma:.1f} mm, which"
+        " volume_std includes: the hand-eye transform, the scale of depth or the clocks do not fit (poise calibrate);"
+        " views from high and low distinguish them"
+    ]
 
 
 def _thick(plane: Plane) -> list[str]:
@@ -206,7 +283,7 @@ def _fused(
     as_it_is = _agreed_surface(views, footprint, options)
     moved, there, together = move.undone(views), footprint, None
     try:
-        there = _look(moved, replace(options, near=move.place(footprint)))[1]
+        there = look_at(moved, replace(options, near=move.place(footprint)))[1]
         together = _agreed_surface(moved, there, options)
     except InputError:  # nothing is to be seen there
         if as_it_is is None:
@@ -243,9 +320,9 @@ def scan_sweep(
     Raises:
         InputError, NoAnswerError: as `scan`.
     """
-    up = np.array(options.up) / np.linalg.norm(options.up)
+    up = up_of(options)
     try:
-        found = scan(sweep.views, options, progress, cancelled)
+        found = scan(sweep.views, options, progress, cancelled, sweep.delayed)
     except InputError as error:
         cause = likely_cause(sweep, up, options.farthest) if error.data.get("disagree") else ""
         raise (InputError(error.code, f"{error.message}; {cause}", **error.data) if cause else error) from error
@@ -260,29 +337,9 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
     Raises:
         InputError: as `scan`.
     """
-    _check_depth(views, options)
-    points, plane = _table(views, options)
-    return objects_on(_regarded(points, plane, options), plane)[1]
-
-
-def _regarded(points: Array, plane: Plane, options: ScanOptions) -> Array:
-    """The points, of which those outside the region are laid onto the table: they are known, but nothing rises there.
-
-    Raises:
-        InputError: EMPTY when there are none in the region.
-    """
-    if options.region is None:
-        return points
-    middle, size = np.array(options.region[:3]), np.array(options.region[3:])
-    offset = points - middle
-    inside = np.all(np.abs(offset[:, :2]) <= size[:2] / 2, axis=1) & (offset[:, 2] <= size[2])
-    if not inside.any():
-        raise InputError(
-            ErrorCode.EMPTY,
-            f"scan: no view shows anything in the region of {size.tolist()} m at {middle.tolist()}: check it (x y z of"
-            " the middle of its bottom, and its size, m, in the robot's base)",
-        )
-    return np.where(inside[:, None], points, points - plane.heights(points)[:, None] * plane.normal)
+    check_depth(views, options)
+    points, plane = table_of(views, options)
+    return objects_on(regarded(points, plane, options), plane)[1]
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:
@@ -297,64 +354,3 @@ def _wants_refinement(views: Sequence[View], plane: Plane, options: ScanOptions)
     if options.refine != "auto":
         return options.refine == "always"
     return not all(view.sure for view in views) or table_misfit(views, plane) > MISFIT
-
-
-def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
-    """Report depth that cannot be used."""
-    if not views:
-        raise InputError(ErrorCode.EMPTY, "scan: there is no view; record depth, camera_info and joint_states together")
-    shares = [float(np.mean(view.frame.depth[::_EVERY] > 0)) for view in views]
-    if np.median(shares) < _LEAST_DEPTH:
-        raise InputError(
-            ErrorCode.SCAN_INCOMPLETE,
-            f"scan: only {np.median(shares):.0%} of the pixels have depth (in the middle one of {len(views)} views); a"
-            " D435 sees nothing nearer than 0.17 m, nor glass and mirrors: move the camera back, or choose the topic",
-        )
-    depths = np.concatenate([view.frame.depth[::_EVERY].ravel() for view in views[:: max(len(views) // 8, 1)]])
-    typical = float(np.median(depths[depths > 0]))
-    if typical > 2 * options.farthest:
-        raise InputError(
-            ErrorCode.BAD_INPUT,
-            f"scan: depth is typically {typical:.2g} m, and only what is within {options.farthest:g} m is looked at; if"
-            " the depth has another unit than millimetres, give it (depth_unit), else bring the camera nearer",
-        )
-
-
-def _table(views: Sequence[View], options: ScanOptions) -> tuple[Array, Plane]:
-    """Some points (N, 3) m of all views, and the table that they show."""
-    points = coarse_points(views, options.farthest)
-    up = np.array(options.up) / np.linalg.norm(options.up)
-    return points, find_plane(points, up, np.random.default_rng(options.seed))
-
-
-def _look(
-    views: Sequence[View], options: ScanOptions, table: tuple[Array, Plane] | None = None
-) -> tuple[Plane, Footprint, int, list[str]]:
-    """The table, which may be known, the object's place on it, how many stand there, and notes."""
-    points, plane = table or _table(views, options)
-    footprints, middles = objects_on(_regarded(points, plane, options), plane)
-    given = options.near if options.near is not None or options.region is None else options.region[:3]
-    wanted = _regard(views, plane) if given is None else np.array(given)
-    apart = np.linalg.norm((middles - wanted) @ plane.axes[:2].T, axis=1)
-    chosen = int(np.argmin(apart))
-    if len(footprints) == 1:
-        return plane, footprints[0], 1, []
-    places = "; ".join(f"({', '.join(f'{value:.3f}' for value in middle)})" for middle in middles)
-    why = "where the camera looks" if given is None else "the point or region that was given"
-    note = (
-        f"{len(footprints)} objects stand on the table, at {places} m: the one at"
-        f" ({', '.join(f'{value:.3f}' for value in middles[chosen])}) was taken, nearest to {why}; choose by a point"
-    )
-    return plane, footprints[chosen], len(footprints), [note]
-
-
-def _regard(views: Sequence[View], plane: Plane) -> Array:
-    """(3,) m: the point of the table that the optical axes meet, in the middle."""
-    eyes = np.array([view.translation_world_camera for view in views])
-    axes = np.array([view.rotation_world_camera[:, 2] for view in views])
-    falls = axes @ plane.normal
-    meets = falls < -0.05
-    if not meets.any():
-        return np.asarray(eyes.mean(axis=0))
-    reach = (plane.offset - eyes[meets] @ plane.normal) / falls[meets]
-    return np.asarray(np.median(eyes[meets] + reach[:, None] * axes[meets], axis=0))

@@ -90,7 +90,8 @@ def reconstruct(
         noise: m, one sigma of the points along each axis; None: estimated.
         normals: (N, 3) outward unit normals, where they were measured; they are not used when many point inwards.
         seen: (N,) False where a scan completed the surface.
-        doubt: (N,) m, one sigma of where the surface is that was completed; None: `HIDDEN_OFF`.
+        doubt: (N,) m, one sigma of where completed surface is, and by which all that was seen may be off in the same
+            direction; None: `HIDDEN_OFF`, and 0.
 
     Raises:
         InputError: as `carve`.
@@ -112,7 +113,8 @@ def reconstruct(
     hidden = _widened(hidden, max(found.solid.volume, _LEAST_KEPT * draft.carved.volume))
     layers = _BY_MISFIT * found.misfit * float(found.solid.areas.sum())
     unseen = missing.share * found.solid.volume
-    spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers, unseen]))
+    poses = 0.0 if seen is None or doubt is None else _doubtful(found.solid, draft.rows, seen, doubt)
+    spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers, unseen, poses]))
     solid = replace(found.solid, volume_std=spread)
     return Reconstruction(solid, draft.carved, draft.rows, found.noise, spacing, inside, found.misfit, missing)
 
@@ -179,12 +181,15 @@ def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
 
 def _hidden(solid: Solid, rows: Indices, seen: Mask, doubt: Array | None) -> float:
     """m3, one sigma of the volume, from what a scan completed: all of it may be off in the same direction."""
+    return _doubtful(solid, rows, ~seen, np.full(len(seen), HIDDEN_OFF) if doubt is None else doubt)
+
+
+def _doubtful(solid: Solid, rows: Indices, chosen: Mask, doubt: Array) -> float:
+    """m3 that some of the surface's points (N,) may add, which may be off by `doubt` (N,), m, in the same direction."""
     corners = rows[solid.surface[0]]
-    unseen = np.count_nonzero(~seen[corners], axis=1) > 1
-    if doubt is None:
-        return HIDDEN_OFF * float(solid.areas[unseen].sum())
-    off = doubt[corners[unseen]].sum(axis=1) / np.count_nonzero(~seen[corners[unseen]], axis=1)
-    return float(off @ solid.areas[unseen])
+    most = np.count_nonzero(chosen[corners], axis=1) > 1
+    corners, there = corners[most], chosen[corners[most]]
+    return float((doubt[corners] * there).sum(axis=1) / np.count_nonzero(there, axis=1) @ solid.areas[most])
 
 
 def _widened(hidden: float, volume: float) -> float:

@@ -139,7 +139,7 @@ def segment(
         options: how.
         normals: (N, 3) outward unit normals, where they were measured.
         seen: (N,) False where a scan completed the surface; None: all of it was seen.
-        doubt: (N,) m, one sigma of where completed surface is; None: as `reconstruct` takes it.
+        doubt: (N,) m, one sigma of where the surface is; None: as `reconstruct` takes it.
 
     Raises:
         InputError: as `carve` and `check_coverage`.

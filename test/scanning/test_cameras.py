@@ -260,21 +260,31 @@ def test_an_empty_table_is_refused(tmp_path):
     assert error.code in (ErrorCode.EMPTY, ErrorCode.SCAN_INCOMPLETE)
 
 
-def test_a_wrong_hand_eye_transform_is_told_by_what_would_cure_it(tmp_path):
+def test_a_wrong_hand_eye_transform_is_corrected_and_said(tmp_path):
     tilt = Rotation.from_euler("x", 5, degrees=True).as_matrix()
+    off = [replace(view, rotation_world_camera=view.rotation_world_camera @ tilt) for view in brick_views()]
+    found = scanned(record(tmp_path / "off.mcap", off))[1]
+    is_brick(found)
+    assert "turned by 5.0 deg" in "; ".join(found.notes)
+    assert "--delay" not in "; ".join(found.notes)
+
+
+def test_a_hand_eye_transform_that_is_far_off_is_refused_by_what_would_cure_it(tmp_path):
+    tilt = Rotation.from_euler("x", 8, degrees=True).as_matrix()
     off = [replace(view, rotation_world_camera=view.rotation_world_camera @ tilt) for view in brick_views()]
     error = refusal(record(tmp_path / "off.mcap", off))
     assert error.code == ErrorCode.SCAN_INCOMPLETE
-    assert "turned by 5" in error.message
+    assert "turned by 8" in error.message
     assert "--delay" not in error.message
 
 
-def test_late_images_are_told_with_their_delay(tmp_path):
+def test_late_images_are_corrected_and_their_delay_is_said(tmp_path):
     late = [replace(view, frame=replace(view.frame, stamp=view.frame.stamp + 150_000_000)) for view in brick_views()]
     bag = record(tmp_path / "late.mcap", late, posed=brick_views())
-    error = refusal(bag)
-    assert "+150 ms late" in error.message
-    is_brick(scanned(bag, SweepOptions(delay=0.15))[1])
+    found = scanned(bag)[1]
+    is_brick(found)
+    assert "--delay 0.150" in "; ".join(found.notes)
+    assert "--delay" not in "; ".join(scanned(bag, SweepOptions(delay=0.15))[1].notes)
 
 
 @pytest.mark.parametrize(("shift", "refused"), [((0.1, 0.0), True), ((0.02, 0.01), False)])

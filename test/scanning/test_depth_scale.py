@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from poise.fake_robots.rasteriser import Scene
 from poise.scanning import View, scan
 from poise.scanning.depth_scale import depth_scale, rescaled
-from poise.scanning.scan import DEFAULT_SCAN
+from poise.scanning.options import DEFAULT_SCAN
 from poise.scanning.support import find_plane
 
 UP = np.array([0.0, 0.0, 1.0])
