@@ -56,7 +56,7 @@ def test_the_cause_is_named(assembly: Assembly, word: str) -> None:
 def test_a_pose_that_is_off_is_named_beside_other_readings() -> None:
     whole = scene()
     (lowered,) = (replace(item, pose=lower(item).pose) for item in whole.objects if item.id == "b1")
-    near = replace(lowered, pose=Pose(lowered.pose.rotation, lowered.pose.translation + [0, 0, 0.08]))
+    near = replace(lowered, pose=Pose(lowered.pose.rotation, lowered.pose.translation + np.array([0, 0, 0.08])))
     assert str(likely_cause(whole.with_object(near))).endswith("the pose of b1 is 20 mm off")
     assert "b1 is left out" in str(likely_cause(whole.with_object(lowered)))
 
@@ -65,7 +65,7 @@ def test_what_overlaps_after_settling_is_not_told_to_state_what_it_states() -> N
     whole, covariance = scene(), pose_covariance_of(0.002, 0.01)
     twice = replace(whole.objects[1], id="again", pose=Pose(np.eye(3), np.array([0.003, 0.002, 0.1])))
     seen_twice = Assembly(with_pose_covariance((*whole.objects, twice), covariance))
-    with pytest.raises(InputError, match="seen twice|overlap by .* standard deviations") as caught:
+    with pytest.raises(InputError, match=r"seen twice|overlap by .* standard deviations") as caught:
         settle(seen_twice)
     assert caught.value.code == ErrorCode.INTERPENETRATION
     assert "how uncertain" not in caught.value.message

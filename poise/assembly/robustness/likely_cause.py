@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from poise.assembly.robustness.other_readings import Reading, readings_of_all, readings_of_one
 from poise.assembly.contact import overlapping
+from poise.assembly.robustness.other_readings import SceneReading, readings_of_all, readings_of_one
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling import Settled, settle
 from poise.assembly.statics import Analysis, Deadline
@@ -24,6 +25,8 @@ _LIKELY = 4.5
 """Sigmas of a reading's errors at most."""
 _STRAIN = 1.25
 """Largest move over what is likely: once in some hundred readings the right one is beyond 1."""
+_FEW = 3
+"""Objects that may move, of which a convention for all is no more likely than another reading of one."""
 _NAMED = 2
 """Readings of one object that are said, beside its pose."""
 _LOOSE = 0.01
@@ -47,15 +50,15 @@ def likely_cause(assembly: Assembly, seconds: float = 5.0) -> str | None:
         return None
     deadline = Deadline.after(seconds)
     found = list(islice(_standing(readings_of_all(assembly), deadline), 1))
-    if not found:
-        for name in _suspects(assembly):
-            found += list(islice(_standing(readings_of_one(assembly, name), deadline), _NAMED))
-            found += _misplaced(assembly, name, deadline)
+    few = sum(not item.fixed for item in assembly.objects) <= _FEW
+    for name in _suspects(assembly)[: 1 if found else None] if few or not found else ():
+        found += list(islice(_standing(readings_of_one(assembly, name), deadline), _NAMED))
+        found += _misplaced(assembly, name, deadline)
     found = found or list(islice(_standing(_noisier(assembly), deadline), 1))
     return f"the scene stands if {', or if '.join(found)}" if found else None
 
 
-def _standing(readings: Iterable[Reading], deadline: Deadline) -> Iterator[str]:
+def _standing(readings: Iterable[SceneReading], deadline: Deadline) -> Iterator[str]:
     """The words of the readings by which the scene stands."""
     for words, read in readings:
         if deadline.passed:
@@ -114,18 +117,28 @@ def _misplaced(assembly: Assembly, name: str, deadline: Deadline) -> list[str]:
     if settled is not None:
         step = next(move.translation for move in settled.moves if move.id == name)
         return [f"the pose of {name} is {1e3 * np.linalg.norm(step):.0f} mm off"]
-    if name in _overlapping(assembly) and len(assembly.objects) > 2 and _settled(lambda: assembly.without(name)) is not None:
+    if (
+        name in _overlapping(assembly)
+        and len(assembly.objects) > 2
+        and _settled(lambda: assembly.without(name)) is not None
+    ):
         return [f"{name} is left out: check the pose of {name} and its sizes"]
     return []
 
 
-def _noisier(assembly: Assembly) -> Iterator[Reading]:
+def _noisier(assembly: Assembly) -> Iterator[SceneReading]:
     """With larger errors of all poses that are uncertain."""
-    for factor in _NOISIER:
-        objects = tuple(
+    for factor in _NOISIER if any(item.pose_covariance is not None for item in assembly.objects) else ():
+        yield SceneReading(
+            f"errors of poses are {factor:g} times as large as stated", partial(_with_errors, assembly, factor)
+        )
+
+
+def _with_errors(assembly: Assembly, factor: float) -> Assembly:
+    return replace(
+        assembly,
+        objects=tuple(
             item if item.pose_covariance is None else replace(item, pose_covariance=factor**2 * item.pose_covariance)
             for item in assembly.objects
-        )
-        if any(item.pose_covariance is not None for item in objects):
-            words = f"errors of poses are {factor:g} times as large as stated"
-            yield Reading(words, lambda objects=objects: replace(assembly, objects=objects))  # type: ignore[misc]
+        ),
+    )

@@ -25,110 +25,92 @@ _TURNED = 0.05
 _Change = Callable[[RigidObject], RigidObject]
 
 
-class Reading(NamedTuple):
+class SceneReading(NamedTuple):
     """What else may be meant, in words after "the scene stands if"; and the assembly that is then meant."""
 
     words: str
     read: Callable[[], Assembly]
 
 
-def readings_of_all(assembly: Assembly) -> Iterator[Reading]:
+def readings_of_all(assembly: Assembly) -> Iterator[SceneReading]:
     """One convention for all objects."""
     movable = [item for item in assembly.objects if not item.fixed]
     if assembly.largest_friction == 0:
-        yield Reading("friction is not 0 but 0.5", lambda: replace(assembly, friction=0.5, friction_pairs=()))
+        yield SceneReading("friction is not 0 but 0.5", lambda: replace(assembly, friction=0.5, friction_pairs=()))
     for pair in islice(_twice(movable), len(assembly.objects)):
         yield _once(assembly, pair)
     yield from _frames(assembly)
     light = [item.id for item in movable if _may_be(item, _UNITS["mm"])]
     if light:
-        names = ", ".join(light[:3])
         if len(light) == len(movable):
-            yield Reading("all lengths are in mm", lambda: _each(assembly, _in_mm, fixed=True))
-        yield Reading(f"sizes of {names} are in mm", lambda: _changed(assembly, light, lambda item: _sized(item, 1e-3)))
-    changes: tuple[tuple[str, _Change], ...] = (
-        ("quaternions are w x y z", _w_first),
-        ("sizes are half as large as they should be", lambda item: _sized(item, 2.0)),
-        ("poses are those of the bottoms of objects", lambda item: _moved(item, _half(item.vertices) * [0, 0, 1])),
-        ("sizes are twice as large as they should be", lambda item: _sized(item, 0.5)),
-        ("positions are in mm", _position_in_mm),
-        ("poses are the inverse ones, of the world in the object", lambda item: replace(item, pose=item.pose.inverse)),
-        ("poses are those of the lowest corners of objects", lambda item: _moved(item, _half(item.vertices))),
-    )
-    for words, change in changes:
-        yield Reading(words, lambda change=change: _each(assembly, change))  # type: ignore[misc]
+            yield SceneReading("all lengths are in mm", lambda: _each(assembly, _in_mm, fixed=True))
+        words = f"sizes of {', '.join(light[:3])} are in mm"
+        yield SceneReading(words, lambda: _changed(assembly, light, _times(1e-3)))
+    names = [item.id for item in movable]
+    for words, change in _CONVENTIONS:
+        yield _read(assembly, words, names, change)
     for order in _ORDERS:
-        yield Reading(
-            f"sides are in another order ({_named(order)})",
-            lambda order=order: _each(assembly, lambda item: _turned(item, order)),  # type: ignore[misc]
-        )
+        yield _read(assembly, f"sides are in another order ({_named(order)})", names, _in_order(order))
 
 
-def readings_of_one(assembly: Assembly, name: str) -> Iterator[Reading]:
+def readings_of_one(assembly: Assembly, name: str) -> Iterator[SceneReading]:
     """Another unit, convention or origin of one object."""
     item = assembly.objects[assembly.index[name]]
-    for words, change in _changes_of_one(item):
-        yield Reading(words, lambda change=change: _changed(assembly, [name], change))  # type: ignore[misc]
+    for words, change in (*_units_of(item), *_conventions_of(item), *_shapes_of(item)):
+        yield _read(assembly, words, [name], change)
 
 
-def _changes_of_one(item: RigidObject) -> Iterator[tuple[str, _Change]]:
-    name = item.id
-    if item.com is not None:
-        yield f"the centre of mass of {name} is that of its shape", lambda item: replace(item, com=None)
+def _read(assembly: Assembly, words: str, names: Sequence[str], change: _Change) -> SceneReading:
+    return SceneReading(words, lambda: _changed(assembly, names, change))
+
+
+def _units_of(item: RigidObject) -> Iterator[tuple[str, _Change]]:
     for unit, metres in _UNITS.items():
         if _may_be(item, metres):
-            yield f"sizes of {name} are in {unit}", lambda item, metres=metres: _sized(item, metres)  # type: ignore[misc]
+            yield f"sizes of {item.id} are in {unit}", _times(metres)
         if _may_be(item, 1 / metres):
-            what = f"sizes of {name} are {1 / metres:.4g} times too small, as {unit} that were scaled twice"
-            yield what, lambda item, metres=metres: _sized(item, 1 / metres)  # type: ignore[misc]
+            words = f"sizes of {item.id} are {1 / metres:.4g} times too small, as {unit} that were scaled twice"
+            yield words, _times(1 / metres)
     if _may_be(item, _UNITS["mm"]):
-        yield f"all lengths of {name} are in mm", _in_mm
+        yield f"all lengths of {item.id} are in mm", _in_mm
     if float(np.linalg.norm(item.pose.translation)) > _FAR:
-        yield f"the position of {name} is in mm", _position_in_mm
+        yield f"the position of {item.id} is in mm", _position_in_mm
+
+
+def _conventions_of(item: RigidObject) -> Iterator[tuple[str, _Change]]:
+    if item.com is not None:
+        yield f"the centre of mass of {item.id} is that of its shape", lambda item: replace(item, com=None)
     if np.abs(item.pose.vector[3:6]).max() > _TURNED:
-        yield f"the quaternion of {name} is w x y z", _w_first
-    yield f"sizes of {name} are half as large as they should be", lambda item: _sized(item, 2.0)
-    yield f"sizes of {name} are twice as large as they should be", lambda item: _sized(item, 0.5)
-    if isinstance(item.shape, Cylinder):
-        yield from _of_cylinder(item)
-    for order in _ORDERS if isinstance(item.shape, Box | Mesh) else ():
-        words = f"sides of {name} are in another order ({_named(order)})"
-        yield words, lambda item, order=order: _turned(item, order)  # type: ignore[misc]
-    yield (
-        f"the pose of {name} is that of its bottom",
-        lambda item: _moved(item, _half(item.vertices) * [0, 0, 1]),
-    )
-    yield f"the pose of {name} is that of its middle, and its shape begins at a corner", _centred
+        yield f"the quaternion of {item.id} is w x y z", _w_first
+    yield f"the pose of {item.id} is that of its bottom", _from_bottom
+    yield f"the pose of {item.id} is that of its middle, and its shape begins at a corner", _centred
 
 
-def _of_cylinder(item: RigidObject) -> Iterator[tuple[str, _Change]]:
-    name = item.id
-
-    def changed(radius: float, length: float) -> _Change:
-        return lambda item: _uniform(replace(item, shape=Cylinder(radius, length)))
-
+def _shapes_of(item: RigidObject) -> Iterator[tuple[str, _Change]]:
+    yield f"sizes of {item.id} are half as large as they should be", _times(2.0)
+    yield f"sizes of {item.id} are twice as large as they should be", _times(0.5)
     if isinstance(item.shape, Cylinder):
         radius, length = item.shape.radius, item.shape.length
-        yield f"radius and length of {name} are in the other order", changed(length, radius)
-        yield f"the radius of {name} is its diameter", changed(radius / 2, length)
-        yield f"the length of {name} is half of it", changed(radius, 2 * length)
-    for axis, turn in (("x", [0.0, 1.0, 0.0]), ("y", [1.0, 0.0, 0.0])):
-        pose = item.pose @ Pose(rotation_about(turn, np.pi / 2), np.zeros(3))
-        yield f"the axis of {name} is its {axis}", lambda item, pose=pose: replace(item, pose=pose)  # type: ignore[misc]
+        yield f"radius and length of {item.id} are in the other order", _as_cylinder(length, radius)
+        yield f"the radius of {item.id} is its diameter", _as_cylinder(radius / 2, length)
+        yield f"the length of {item.id} is half of it", _as_cylinder(radius, 2 * length)
+        yield f"the axis of {item.id} is its x", _about([0.0, 1.0, 0.0])
+        yield f"the axis of {item.id} is its y", _about([1.0, 0.0, 0.0])
+    for order in _ORDERS if isinstance(item.shape, Box | Mesh) else ():
+        yield f"sides of {item.id} are in another order ({_named(order)})", _in_order(order)
 
 
-def _frames(assembly: Assembly) -> Iterator[Reading]:
+def _frames(assembly: Assembly) -> Iterator[SceneReading]:
     """With other directions that are up."""
     strength = float(np.linalg.norm(assembly.gravity))
-    given = assembly.gravity / strength
     for word, axis in _AXES.items():
-        if given @ axis < -0.5:
-            continue
         gravity = -strength * np.array(axis, dtype=np.float64)
-        if not _over_support(assembly, gravity):
-            continue
-        words = "gravity is along -z" if word == "z" else f"{word} is up in all poses"
-        yield Reading(words, lambda gravity=gravity: replace(assembly, gravity=gravity))  # type: ignore[misc]
+        if assembly.gravity @ gravity < 0.5 * strength**2 and _over_support(assembly, gravity):
+            yield _under(assembly, "gravity is along -z" if word == "z" else f"{word} is up in all poses", gravity)
+
+
+def _under(assembly: Assembly, words: str, gravity: Array) -> SceneReading:
+    return SceneReading(words, lambda: replace(assembly, gravity=gravity))
 
 
 def _over_support(assembly: Assembly, gravity: Array) -> bool:
@@ -181,6 +163,27 @@ def _position_in_mm(item: RigidObject) -> RigidObject:
     return _moved(item, -0.999 * item.pose.translation)
 
 
+def _times(factor: float) -> _Change:
+    return lambda item: _sized(item, factor)
+
+
+def _in_order(order: Sequence[int]) -> _Change:
+    return lambda item: _turned(item, order)
+
+
+def _as_cylinder(radius: float, length: float) -> _Change:
+    return lambda item: _uniform(replace(item, shape=Cylinder(radius, length)))
+
+
+def _about(axis: Sequence[float]) -> _Change:
+    turn = Pose(rotation_about(axis, np.pi / 2), np.zeros(3))
+    return lambda item: replace(item, pose=item.pose @ turn)
+
+
+def _from_bottom(item: RigidObject) -> RigidObject:
+    return _moved(item, _half(item.vertices) * [0, 0, 1])
+
+
 def _in_mm(item: RigidObject) -> RigidObject:
     return _position_in_mm(_sized(item, 1e-3))
 
@@ -224,6 +227,18 @@ def _uniform(item: RigidObject) -> RigidObject:
     return replace(item, com=None, inertia=None, covariance=None)
 
 
+_CONVENTIONS: tuple[tuple[str, _Change], ...] = (
+    ("quaternions are w x y z", _w_first),
+    ("sizes are half as large as they should be", _times(2.0)),
+    ("poses are those of the bottoms of objects", _from_bottom),
+    ("sizes are twice as large as they should be", _times(0.5)),
+    ("positions are in mm", _position_in_mm),
+    ("poses are the inverse ones, of the world in the object", lambda item: replace(item, pose=item.pose.inverse)),
+    ("poses are those of the lowest corners of objects", lambda item: _moved(item, _half(item.vertices))),
+)
+"""Of all objects."""
+
+
 def _twice(movable: Sequence[RigidObject]) -> Iterator[tuple[str, str]]:
     """Ids of equal objects in nearly one place."""
     for k, item in enumerate(movable):
@@ -233,6 +248,6 @@ def _twice(movable: Sequence[RigidObject]) -> Iterator[tuple[str, str]]:
                 yield other.id, item.id
 
 
-def _once(assembly: Assembly, pair: tuple[str, str]) -> Reading:
+def _once(assembly: Assembly, pair: tuple[str, str]) -> SceneReading:
     words = f"{pair[0]} and {pair[1]} are one object that was seen twice"
-    return Reading(words, lambda: assembly.without(pair[1]))
+    return SceneReading(words, lambda: assembly.without(pair[1]))

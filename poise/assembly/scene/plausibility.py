@@ -81,7 +81,9 @@ def _in_other_units(density: float) -> str:
 def _defaults(movable: Sequence[RigidObject]) -> Iterator[SceneFinding]:
     """What is probably a default, and not known: masses of 1 kg, and poses at the origin among those that are seen."""
     volumes = [abs(item.shape.volume) for item in movable]
-    if all(item.mass == _DEFAULT_MASS for item in movable) and max(volumes, default=0) > _ALIKE * min(volumes, default=0):
+    if all(item.mass == _DEFAULT_MASS for item in movable) and max(volumes, default=0) > _ALIKE * min(
+        volumes, default=0
+    ):
         what = f"{_listed([item.id for item in movable])}: all weigh 1 kg, though of different size; is it a default?"
         yield SceneFinding(what, {"mass": _DEFAULT_MASS})
     origin = [
