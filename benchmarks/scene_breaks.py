@@ -245,7 +245,7 @@ BREAKS: dict[str, Kind] = {
     "sizes twice as large": Kind(
         _each(lambda item: item if item.fixed else _scaled(item, 2.0)), True, "twice as large"
     ),
-    "one quaternion w first": Kind(_one(lambda item, _: _w_first(item)), True, "w x y z"),
+    "one quaternion w first": Kind(_one(lambda item, _: _w_first(item)), cause="w x y z"),
     "one mesh with y up": Kind(_one(_y_up_mesh), True, "another order"),
     "one mesh from its corner": Kind(_one(_from_corner), True, "corner"),
     "one pose of the bottom": Kind(_one(lambda item, _: _at_bottom(item)), True, "bottom"),
