@@ -135,5 +135,6 @@ def _sentences(drawn: UncertainAssessment, wanted: int) -> list[str]:
     others = f"; {left_out} more that do not stand or could not be answered are left out" if left_out else ""
     return [
         f"interval_lower and interval_upper are over {drawn.samples} draws of what is uncertain{late}: a further one "
-        f"is inside with {drawn.coverage:.0%}{others}"
+        f"is inside with {drawn.coverage:.0%}{others}",
+        *([drawn.reservation] if drawn.reservation else []),
     ]

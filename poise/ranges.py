@@ -44,6 +44,8 @@ RANGES = {
     "characters of an id": Range(1, 255, "", ErrorCode.OBJECT_INVALID),
 }
 """Entries of requests, scene files and Python calls; docs/robustness_server.md shows the same table."""
+_HINTS = {"friction": "; is it an angle in degrees? A coefficient is its tangent"}
+"""What else a value outside of its range may be."""
 _ROUNDING = 1e-6
 """Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""
 
@@ -73,8 +75,11 @@ def check_range(name: str, values: Any, where: str = "", **data: Any) -> None:
         where += f"entry {np.argwhere(outside)[0, 0]} of "
     if not math.isfinite(worst):
         raise InputError(not_finite, f"{where}{name} is {worst}, which is not finite", **data)
+    hint = _HINTS.get(name, "")
+    if unit == "m" and least <= worst / 1000 <= greatest:
+        hint = "; is it in mm?"
     unit = unit and f" {unit}"
-    what = f"{where}{name} is {worst:g}{unit}; it may be {least:g} to {greatest:g}{unit}"
+    what = f"{where}{name} is {worst:g}{unit}; it may be {least:g} to {greatest:g}{unit}{hint}"
     raise InputError(code, what, **data)
 
 

@@ -9,15 +9,13 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import Analysis, Assembly, Settled, settle
-from poise.assembly.robustness import Assessment, likely_cause, rolling_findings
+from poise.assembly.robustness import EXPLAINED, Assessment, likely_cause, rolling_findings
 from poise.assembly.scene import scene_findings, with_pose_covariance
 from poise.assembly.statics import Deadline, unstable
 from poise.commands.output import finding_json, warn
 from poise.commands.settling import read_pose_std, warn_of_moves
 from poise.errors import ErrorCode, PoiseError
 from poise.worlds import read_world
-
-_EXPLAINED = {ErrorCode.FLOATING, ErrorCode.INTERPENETRATION, ErrorCode.UNSTABLE}
 
 SceneArgument = Annotated[
     Path,
@@ -81,7 +79,7 @@ def _explaining(assembly: Assembly) -> Iterator[None]:
     try:
         yield
     except PoiseError as error:
-        if error.code in _EXPLAINED and (cause := likely_cause(assembly)) is not None:
+        if error.code in EXPLAINED and (cause := likely_cause(assembly)) is not None:
             warn(f"{cause}; it is refused as it is given")
         raise
 

@@ -81,6 +81,7 @@ def settled_json(settled: Settled, found: UncertainAssessment) -> dict[str, Any]
             "fallen": found.fallen,
             "refused": found.refused,
             "coverage": found.coverage,
+            "taken_as_exact": found.taken_as_exact,
         },
         "findings": [finding_json(ErrorCode.POOR_FIT, settled.strained, {"strain": settled.strain})]
         if settled.strain > 1
@@ -111,6 +112,8 @@ def print_samples(found: UncertainAssessment, json_target: str | None) -> None:
     console(json_target).print(
         f"intervals over {found.samples} draws of what is uncertain: a further one is inside with {found.coverage:.0%}"
     )
+    if found.reservation:
+        warn(found.reservation)
     if found.fallen:
         warn(f"{found.fallen} other draws do not stand by themselves, and are left out")
     if found.settled.complete and not found.complete:

@@ -14,8 +14,6 @@ from poise.inertia import InertialParameters
 from poise.shape import check_mesh
 from poise.worlds.base import WorldBody, WorldContent
 
-FRICTION = 0.5
-"""Coulomb coefficient where neither the file nor the caller gives one, as in scene files."""
 _FLOOR = "floor"
 _FLOOR_SIZE = (20.0, 20.0, 0.1)
 
@@ -93,31 +91,32 @@ def _friction(world: WorldContent, friction: float | None, notes: list[str]) -> 
     """The coefficient of most pairs, and the pairs that have another."""
     if friction is not None:
         return friction, ()
-    found = {body.name: _coefficient(body, notes) for body in world.bodies}
-    if not any(value is not None for value in found.values()) and not world.pairs:
-        notes.append(f"the file has no friction; {FRICTION:g} is taken for all pairs")
-        return FRICTION, ()
+    found = {body.name: _coefficient(body, world.friction, notes) for body in world.bodies}
+    if world.friction_note:
+        notes.append(world.friction_note)
+    elif not any(solid.friction is not None for body in world.bodies for solid in body.solids) and not world.pairs:
+        notes.append(f"the file has no friction; {world.friction:g} is taken for all pairs")
+        return world.friction, ()
     fixed = {body.name for body in world.bodies if body.fixed}
     between: dict[tuple[str, str], float] = {}
     for first, second in combinations(found, 2):
         if first in fixed and second in fixed:
             continue
-        a, b = (FRICTION if found[name] is None else found[name] for name in (first, second))
         given = world.pairs.get((first, second), world.pairs.get((second, first)))
-        between[first, second] = world.combine(a or 0.0, b or 0.0) if given is None else given
-    general = Counter(between.values()).most_common(1)[0][0] if between else FRICTION
+        between[first, second] = world.combine(found[first], found[second]) if given is None else given
+    general = Counter(between.values()).most_common(1)[0][0] if between else world.friction
     others = [FrictionPair(pair, value) for pair, value in between.items() if value != general]
     return general, tuple(others)
 
 
-def _coefficient(body: WorldBody, notes: list[str]) -> float | None:
+def _coefficient(body: WorldBody, default: float, notes: list[str]) -> float:
     """Of a body's surface: the least of its solids, which is on the safe side."""
-    known = [solid.friction for solid in body.solids if solid.friction is not None]
-    if len(set(known)) > 1:
+    known = {default if solid.friction is None else solid.friction for solid in body.solids}
+    if len(known) > 1:
         notes.append(
             f"{body.name}: its solids have several coefficients of friction; the least, {min(known):g}, is taken"
         )
-    return min(known, default=None)
+    return min(known)
 
 
 def combined(parts: Sequence[InertialParameters]) -> InertialParameters | None:

@@ -65,6 +65,8 @@ class WorldContent:
         combine: the coefficient of two surfaces from that of each.
         pairs: coefficients that the file gives for two bodies by name.
         notes: what was assumed and left out, one sentence each.
+        friction: of surfaces that have none in the file.
+        friction_note: what was assumed of friction; empty for nothing.
     """
 
     bodies: tuple[WorldBody, ...]
@@ -72,6 +74,8 @@ class WorldContent:
     combine: Callable[[float, float], float] = without_friction_of_its_own
     pairs: Mapping[tuple[str, str], float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    friction: float = 0.5
+    friction_note: str = ""
 
 
 class WorldFormat(ABC):

@@ -78,6 +78,10 @@ class MjcfFormat(WorldFormat):
         return text.encode(), tuple(lost)
 
 
+_FRICTION = 1.0
+"""Of geoms that give none."""
+
+
 def _compiled(path: Path) -> tuple[Any, Any]:
     try:
         import mujoco
@@ -113,7 +117,10 @@ class _Reading:
         for number in range(model.npair):
             ends = [self._owner(int(model.pair_geom1[number])), self._owner(int(model.pair_geom2[number]))]
             pairs[ends[0], ends[1]] = float(model.pair_friction[number][0])
-        return WorldContent(tuple(known), np.array(model.opt.gravity), max, pairs, tuple(self._notes))
+        default = sum(solid.friction == _FRICTION for body in known for solid in body.solids)
+        doubt = f"friction of {default} geoms is {_FRICTION:g}, the default of MuJoCo; is it known?" if default else ""
+        gravity = np.array(model.opt.gravity)
+        return WorldContent(tuple(known), gravity, max, pairs, tuple(self._notes), friction_note=doubt)
 
     def _owner(self, geom: int) -> str:
         """The name of the body that a geom belongs to in `content`."""

@@ -54,7 +54,16 @@ class SdfFormat(WorldFormat):
         scope = worlds[0] if worlds else root
         bodies = list(_models(scope, path.parent, Pose.identity(), "", notes, 0))
         gravity = numbers_of(scope.findtext("gravity"), 3, "gravity", _GRAVITY)
-        return WorldContent(tuple(bodies), gravity, min, notes=tuple(notes))
+        missing = sum(solid.friction is None for body in bodies for solid in body.solids)
+        assumed = f"{missing} collision shapes have no friction; SDFormat's default of {_FRICTION:g} is taken"
+        return WorldContent(
+            tuple(bodies),
+            gravity,
+            min,
+            notes=tuple(notes),
+            friction=_FRICTION,
+            friction_note=assumed if missing else "",
+        )
 
     def written(self, assembly: Assembly, path: Path) -> tuple[bytes, tuple[str, ...]]:
         """See `WorldFormat`. Meshes become STL files."""
@@ -167,7 +176,7 @@ def _solid(collision: ET.Element, folder: Path, where: str) -> WorldSolid | None
     if geometry is not None and geometry.find("plane") is not None:
         pose = pose @ Pose(np.eye(3), np.array([0.0, 0.0, -solids.PLANE_DEPTH]))
     mu = collision.findtext("surface/friction/ode/mu") or collision.findtext("surface/friction/bullet/friction")
-    return WorldSolid(shape, pose, _FRICTION if mu is None else float(numbers_of(mu, 1, f"{where}: mu")[0]))
+    return WorldSolid(shape, pose, None if mu is None else float(numbers_of(mu, 1, f"{where}: mu")[0]))
 
 
 def _shape(geometry: ET.Element, folder: Path, where: str) -> Shape | None:

@@ -222,6 +222,8 @@ def test_uncertain_poses_are_settled_and_answers_have_intervals(run, tmp_path):
     assert "moved mm" in found.stdout
     assert "interval N" in found.stdout
     assert "1 poses settled" in found.stderr
+    assert answer["settled"]["taken_as_exact"] == ["masses", "friction"]
+    assert "intervals leave out errors of masses and friction" in " ".join(found.stderr.split())
     limits = run("msa", seen, "--directions", "4", "--pose-std", "0.2cm,0.01rad")
     assert limits.exit_code == 0
 

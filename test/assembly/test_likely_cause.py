@@ -8,10 +8,11 @@ import pytest
 
 from benchmarks.broken_scenes import BREAKS, outcome_of
 from benchmarks.perceived import clean_scenes, random_pushes, seen
-from poise.assembly import Assembly, Box, RigidObject, write_scene
+from poise.assembly import Assembly, Box, RigidObject, settle, write_scene
 from poise.assembly.robustness import likely_cause
-from poise.assembly.scene import scene_findings
+from poise.assembly.scene import pose_covariance_of, scene_findings, with_pose_covariance
 from poise.cli import run
+from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_about
 
 Change = Callable[[RigidObject], RigidObject]
@@ -45,11 +46,29 @@ def lower(item: RigidObject) -> RigidObject:
         (scene(w_first), "w x y z"),
         (scene(half), "half as large"),
         (scene(lower), "bottoms"),
-        (scene(gravity=9.81), "gravity along -z"),
+        (scene(gravity=9.81), "gravity is along -z"),
     ],
 )
 def test_the_cause_is_named(assembly: Assembly, word: str) -> None:
     assert word in str(likely_cause(assembly))
+
+
+def test_a_pose_that_is_off_is_named_beside_other_readings() -> None:
+    whole = scene()
+    (lowered,) = (replace(item, pose=lower(item).pose) for item in whole.objects if item.id == "b1")
+    near = replace(lowered, pose=Pose(lowered.pose.rotation, lowered.pose.translation + np.array([0, 0, 0.08])))
+    assert str(likely_cause(whole.with_object(near))).endswith("the pose of b1 is 20 mm off")
+    assert "b1 is left out" in str(likely_cause(whole.with_object(lowered)))
+
+
+def test_what_overlaps_after_settling_is_not_told_to_state_what_it_states() -> None:
+    whole, covariance = scene(), pose_covariance_of(0.002, 0.01)
+    twice = replace(whole.objects[1], id="again", pose=Pose(np.eye(3), np.array([0.003, 0.002, 0.1])))
+    seen_twice = Assembly(with_pose_covariance((*whole.objects, twice), covariance))
+    with pytest.raises(InputError, match=r"seen twice|overlap by .* standard deviations") as caught:
+        settle(seen_twice)
+    assert caught.value.code == ErrorCode.INTERPENETRATION
+    assert "how uncertain" not in caught.value.message
 
 
 def test_no_cause_is_made_up() -> None:
@@ -74,7 +93,23 @@ def test_seen_quaternions_of_another_order_are_a_finding() -> None:
     assert "x y z w" in found.sentence
 
 
-@pytest.mark.parametrize("name", ["as stated", "one mesh in mm", "poses with y up", "one object twice"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "as stated",
+        "all in mm",
+        "poses with y up",
+        "one object twice",
+        "one half size",
+        "one mesh in mm",
+        "one mesh in cm",
+        "one position in mm",
+        "one mesh from its corner",
+        "one pose missing",
+        "errors 4 times those stated",
+        "friction in degrees",
+    ],
+)
 def test_outcomes_of_broken_scenes(name: str) -> None:
     rng = np.random.default_rng([3, 0])
     clean = next(clean_scenes("stack", rng))

@@ -1,6 +1,7 @@
 """Scenes that are possible and probably wrong have a finding; ordinary ones have none."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,15 @@ def cube(mass: float = 1.0, turn: np.ndarray | None = None) -> RigidObject:
     return RigidObject("cube", Box((0.1, 0.1, 0.1)), pose, mass=mass)
 
 
+ABOUT_CORNER = np.full((3, 3), -0.0025) + np.diag(np.full(3, 0.0025 + 0.02 / 3))
+"""kg m2, of the cube of 1 kg and 0.1 m."""
+
+
+def test_an_inertia_at_the_bound_of_what_a_shape_holds_is_no_finding() -> None:
+    halves_at_ends = np.diag([0.0025, 0.0025, 0.0])
+    assert scene_findings(Assembly((FLOOR, replace(cube(), inertia=halves_at_ends)))) == ()
+
+
 @pytest.mark.parametrize(
     "scene", [*SCENES.glob("*.yaml"), *SCENES.glob("placement/*.yaml")], ids=lambda path: path.name
 )
@@ -38,7 +48,13 @@ def test_the_scenes_of_the_pages_have_no_finding(scene: Path) -> None:
         (Assembly((FLOOR, cube(mass=15.0))), "denser than lead"),
         (Assembly((FLOOR, cube(mass=0.0002))), "lighter"),
         (Assembly((FLOOR, cube(turn=np.diag([1.0, -1.0, -1.0])))), "x y z w"),
+        (Assembly((FLOOR, cube(mass=1.5e-6))), "lengths in cm would give 1.5e+03 kg/m3"),
         (Assembly((FLOOR, cube()), gravity=np.array([0.0, -9.81, 0.0])), "upwards"),
+        (Assembly((FLOOR, cube()), gravity=np.array([0.0, 0.0, -1.0])), "gravity is 1 m/s2"),
+        (Assembly((FLOOR, replace(cube(), com=np.full(3, 0.05)))), "not inside the shape"),
+        (Assembly((FLOOR, replace(cube(), inertia=ABOUT_CORNER))), "about the centre of mass"),
+        (Assembly((FLOOR, cube(), replace(cube(), id="b", shape=Box((0.1, 0.1, 0.2))))), "all weigh 1 kg"),
+        (Assembly((FLOOR, replace(cube(), pose=Pose.identity(), pose_covariance=np.eye(6) / 1e6))), "the default"),
     ],
 )
 def test_what_is_probably_wrong_is_said(assembly: Assembly, word: str) -> None:

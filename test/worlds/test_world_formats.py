@@ -171,6 +171,8 @@ def test_a_world_of_gazebo_is_read_with_frames_welds_and_includes(tmp_path: Path
     assert scene.friction_between("ground", "tool") == pytest.approx(0.6)  # the least of 0.6 and SDFormat's default 1
     assert scene.friction_between("ground", "cup") == pytest.approx(1.0)
     assert any("several coefficients" in note for note in notes)
+    assert "3 collision shapes have no friction; SDFormat's default of 1 is taken" in notes
+    assert not any("no friction" in note for note in read_world(tmp_path / "world.sdf", friction=0.4)[1])
 
 
 def test_a_model_of_mujoco_is_read_as_mujoco_has_it(tmp_path: Path) -> None:
@@ -200,6 +202,7 @@ def test_a_model_of_mujoco_is_read_as_mujoco_has_it(tmp_path: Path) -> None:
     assert scene.friction_between("ground", "ball") == pytest.approx(1.0)
     assert scene.friction_between("table", "lamp") == pytest.approx(1.0)
     assert any("door" in note and "joint" in note for note in notes)
+    assert "friction of 4 geoms is 1, the default of MuJoCo; is it known?" in notes
 
 
 def test_a_urdf_is_one_object_that_needs_a_floor(tmp_path: Path) -> None:

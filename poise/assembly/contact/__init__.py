@@ -7,7 +7,7 @@
 - `way_out`: straight lines along which an object can be taken away.
 """
 
-from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
+from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces, overlapping
 from poise.assembly.contact.facet_curves import facet_curve
 from poise.assembly.contact.graph import FIXED_NODE, ContactBlock, Structure
 from poise.assembly.contact.patches import patches_between
@@ -37,6 +37,7 @@ __all__ = [
     "distance_to_triangles",
     "facet_curve",
     "find_interfaces",
+    "overlapping",
     "patches_between",
     "placed",
     "sample_surface",

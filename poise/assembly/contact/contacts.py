@@ -124,6 +124,23 @@ def find_interfaces(
     return interfaces
 
 
+def overlapping(assembly: Assembly, allowed: Array | float = 0.0) -> list[tuple[int, int, float]]:
+    """Places of objects that overlap by more than contacts may, and by how much, m; the deepest first.
+
+    Args:
+        assembly: the objects.
+        allowed: (N,) m, by how much more each may.
+    """
+    bodies, reach = [placed(item) for item in assembly.objects], np.broadcast_to(allowed, len(assembly.objects))
+    found = []
+    for i, j in _pairs_near(bodies, 0.0):
+        margin = float(CONTACT_MARGIN + reach[i] + reach[j])
+        depth = _overlap(bodies[i], bodies[j], margin)
+        if depth > margin:
+            found.append((i, j, depth))
+    return sorted(found, key=lambda each: -each[2])
+
+
 def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
     """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
     bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
@@ -142,12 +159,15 @@ def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
     return sorted_pairs
 
 
-def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None:
+def _overlap(first: PlacedBody, second: PlacedBody, margin: float) -> float:
+    """m by which two bodies overlap; 0 where their bounds do not by the margin."""
     low = np.maximum(first.bounds[0], second.bounds[0])
     high = np.minimum(first.bounds[1], second.bounds[1])
-    if np.any(high - low <= margin):
-        return
-    depth = penetration_depth(first, second)
+    return 0.0 if np.any(high - low <= margin) else penetration_depth(first, second)
+
+
+def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None:
+    depth = _overlap(first, second, margin)
     if depth > margin:
         names = first.item.id, second.item.id
         raise InputError(

@@ -5,7 +5,8 @@
 - `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
-- `rolling_findings`: sentences about what stands but can roll. `likely_cause`: about what is refused or falls.
+- `rolling_findings`: sentences about what stands but can roll.
+- `likely_cause`, `other_readings`: sentences about what is refused or falls, by other readings of the scene.
 """
 
 from poise.assembly.robustness.acceleration import AccelerationLimits, acceleration_limits
@@ -23,7 +24,7 @@ from poise.assembly.robustness.block_answers import (
     patch_factors,
 )
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
-from poise.assembly.robustness.likely_cause import likely_cause
+from poise.assembly.robustness.likely_cause import EXPLAINED, likely_cause
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
@@ -36,6 +37,7 @@ from poise.assembly.robustness.uncertainty import MotionProbability, motion_prob
 __all__ = [
     "CHECKED_WEIGHTS",
     "DEFAULT_MODEL",
+    "EXPLAINED",
     "MAX_MAP_POINTS",
     "ROBUSTNESS_MODELS",
     "SAMPLES",

@@ -1,118 +1,144 @@
-"""Why a scene is refused or falls, where one wrong convention explains it: read otherwise, the scene stands."""
+"""Why a scene is refused or falls, where one wrong convention, unit or pose explains it: read otherwise, it stands."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from poise.assembly.scene import Assembly, Box, Cylinder, Mesh, RigidObject, Sphere
-from poise.assembly.settling import settle
+from poise.assembly.contact import overlapping
+from poise.assembly.robustness.other_readings import SceneReading, readings_of_all, readings_of_one
+from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly.settling import Settled, settle
 from poise.assembly.statics import Analysis, Deadline
-from poise.errors import PoiseError
-from poise.geometry import Pose, rotation_about
+from poise.errors import ErrorCode, PoiseError
 from poise.threads import in_one_thread
 
+EXPLAINED = frozenset({ErrorCode.FLOATING, ErrorCode.INTERPENETRATION, ErrorCode.UNSTABLE})
+"""Codes of refusals that another reading of the scene may explain."""
 _MOST = 60
 """Objects of scenes that are read otherwise: each reading is settled by itself."""
-_LIGHT = 0.1
-"""kg/m3; what is lighter may be given in mm."""
-_SAME = 0.02
-"""m between two equal objects that may be one, seen twice."""
-_TURN = Pose(rotation_about([1.0, 0.0, 0.0], np.pi / 2), np.zeros(3))
+_SUSPECTS = 4
+"""Objects named by a refusal that are read otherwise by themselves."""
+_LIKELY = 4.5
+"""Sigmas of a reading's errors at most."""
+_STRAIN = 1.25
+"""Largest move over what is likely: once in some hundred readings the right one is beyond 1."""
+_FEW = 3
+"""Objects that may move, of which a convention for all is no more likely than another reading of one."""
+_NAMED = 2
+"""Readings of one object that are said, beside its pose."""
+_LOOSE = 0.01
+"""m, one sigma of the position of an object that may be elsewhere."""
+_NOISIER = (2.0, 4.0, 8.0)
+"""Times the stated errors of poses."""
 
 
 @in_one_thread
 def likely_cause(assembly: Assembly, seconds: float = 5.0) -> str | None:
     """A sentence about the convention under which a scene that is refused or falls would stand; None: none was found.
 
+    One convention for all objects is tried first, then others for each object that the refusal names, then its pose,
+    and at last larger errors of all poses.
+
     Args:
         assembly: the objects as they were given, with the uncertainty of their poses.
         seconds: after which no other reading is begun.
     """
+    if len(assembly.objects) > _MOST:
+        return None
     deadline = Deadline.after(seconds)
-    for words, read in _readings(assembly) if len(assembly.objects) <= _MOST else ():
-        if not deadline.passed and _stands(read):
-            return f"{words}, the scene stands"
-    return None
+    found = list(islice(_standing(readings_of_all(assembly), deadline), 1))
+    few = sum(not item.fixed for item in assembly.objects) <= _FEW
+    for name in _suspects(assembly)[: 1 if found else None] if few or not found else ():
+        found += list(islice(_standing(readings_of_one(assembly, name), deadline), _NAMED))
+        found += _misplaced(assembly, name, deadline)
+    found = found or list(islice(_standing(_noisier(assembly), deadline), 1))
+    return f"the scene stands if {', or if '.join(found)}" if found else None
 
 
-def _stands(read: Callable[[], Assembly]) -> bool:
+def _standing(readings: Iterable[SceneReading], deadline: Deadline) -> Iterator[str]:
+    """The words of the readings by which the scene stands."""
+    for words, read in readings:
+        if deadline.passed:
+            return
+        if _settled(read) is not None:
+            yield words
+
+
+def _settled(read: Callable[[], Assembly]) -> Settled | None:
+    """The scene by a reading, if errors of its poses explain it, and it stands."""
     try:
-        settled = settle(read())
-        return settled.strain <= 1 and Analysis.of(settled.assembly).stability().stable
+        assembly = read()
+        if _overlapping(assembly):
+            return None
+        settled = settle(assembly)
+        stands = settled.strain <= _STRAIN and Analysis.of(settled.assembly).stability().stable
     except PoiseError:
-        return False
+        return None
+    return settled if stands else None
 
 
-def _readings(assembly: Assembly) -> Iterator[tuple[str, Callable[[], Assembly]]]:
-    """Other readings of a scene, in words that begin its sentence."""
-    gravity = float(np.linalg.norm(assembly.gravity)) * np.array([0.0, 0.0, -1.0])
-    if assembly.gravity @ gravity <= 0:
-        yield "with gravity along -z", lambda: replace(assembly, gravity=gravity)
-    yield "with quaternions read as w x y z", lambda: _each(assembly, _w_first)
-    yield "with poses whose y is up", lambda: _each(assembly, _from_y_up, fixed=True)
-    yield "with sizes that are half as large as they should be", lambda: _each(assembly, lambda item: _sized(item, 2.0))
-    yield "with poses of the bottoms of objects", lambda: _each(assembly, _from_bottom)
-    light = {item.id for item in assembly.objects if not item.fixed and item.mass < _LIGHT * abs(item.shape.volume)}
-    if light:
-        names = ", ".join(sorted(light)[:3])
-        yield f"with lengths of {names} in mm", lambda: _each(assembly, lambda item: _in_mm(item, light))
-    for pair in islice(_twice(assembly), len(assembly.objects)):
-        yield _once(assembly, pair)
+def _overlapping(assembly: Assembly) -> list[str]:
+    """Objects that overlap by more than errors of their poses explain."""
+    found = overlapping(assembly, _LIKELY * np.array([_error(item) for item in assembly.objects]))
+    return [assembly.objects[place].id for pair in found for place in pair[:2]]
 
 
-def _each(assembly: Assembly, change: Callable[[RigidObject], RigidObject], fixed: bool = False) -> Assembly:
-    """With all objects that may move changed, and fixed ones if so asked."""
+def _error(item: RigidObject) -> float:
+    """m, one sigma of the place of the point of an object that is known least."""
+    if item.fixed or item.pose_covariance is None:
+        return 0.0
+    deviations = np.sqrt(np.diag(item.pose_covariance))
+    reach = np.linalg.norm(item.vertices - item.pose.translation, axis=1).max()
+    return float(deviations[:3].max() + reach * deviations[3:].max())
+
+
+def _suspects(assembly: Assembly) -> list[str]:
+    """Objects that the refusal names, that fall, or that overlap most."""
+    try:
+        named = list(Analysis.of(settle(assembly).assembly).stability().falling)
+    except PoiseError as error:
+        named = [*error.data.get("objects", ()), error.data.get("nearest", "")]
+    deepest = _overlapping(assembly)[:_SUSPECTS]
+    movable = {item.id for item in assembly.objects if not item.fixed}
+    return [name for name in dict.fromkeys([*named[:_SUSPECTS], *deepest]) if name in movable]
+
+
+def _misplaced(assembly: Assembly, name: str, deadline: Deadline) -> list[str]:
+    """That the scene stands with an object at another place or, where it overlaps others, without it."""
+    item = assembly.objects[assembly.index[name]]
+    known = np.zeros((6, 6)) if item.pose_covariance is None else np.asarray(item.pose_covariance)
+    loose = replace(item, pose_covariance=known + np.diag([_LOOSE**2] * 3 + [1e-6] * 3))
+    if deadline.passed:
+        return []
+    settled = _settled(lambda: assembly.with_object(loose))
+    if settled is not None:
+        step = next(move.translation for move in settled.moves if move.id == name)
+        return [f"the pose of {name} is {1e3 * np.linalg.norm(step):.0f} mm off"]
+    if (
+        name in _overlapping(assembly)
+        and len(assembly.objects) > 2
+        and _settled(lambda: assembly.without(name)) is not None
+    ):
+        return [f"{name} is left out: check the pose of {name} and its sizes"]
+    return []
+
+
+def _noisier(assembly: Assembly) -> Iterator[SceneReading]:
+    """With larger errors of all poses that are uncertain."""
+    for factor in _NOISIER if any(item.pose_covariance is not None for item in assembly.objects) else ():
+        yield SceneReading(
+            f"errors of poses are {factor:g} times as large as stated", partial(_with_errors, assembly, factor)
+        )
+
+
+def _with_errors(assembly: Assembly, factor: float) -> Assembly:
     return replace(
-        assembly, objects=tuple(change(item) if fixed or not item.fixed else item for item in assembly.objects)
+        assembly,
+        objects=tuple(
+            item if item.pose_covariance is None else replace(item, pose_covariance=factor**2 * item.pose_covariance)
+            for item in assembly.objects
+        ),
     )
-
-
-def _w_first(item: RigidObject) -> RigidObject:
-    return replace(item, pose=Pose.from_vector(item.pose.vector[[0, 1, 2, 4, 5, 6, 3]]))
-
-
-def _from_y_up(item: RigidObject) -> RigidObject:
-    return replace(item, pose=_TURN @ item.pose)
-
-
-def _from_bottom(item: RigidObject) -> RigidObject:
-    half = np.array([0.0, 0.0, np.ptp(item.vertices[:, 2]) / 2])
-    return replace(item, pose=Pose(item.pose.rotation, item.pose.translation + half))
-
-
-def _in_mm(item: RigidObject, names: set[str]) -> RigidObject:
-    return _sized(item, 1e-3) if item.id in names else item
-
-
-def _sized(item: RigidObject, factor: float) -> RigidObject:
-    """The object, larger by a factor about the origin of its frame; of uniform density."""
-    shape = item.shape
-    if isinstance(shape, Box):
-        x, y, z = shape.size
-        shape = Box((factor * x, factor * y, factor * z))
-    elif isinstance(shape, Cylinder):
-        shape = Cylinder(factor * shape.radius, factor * shape.length)
-    elif isinstance(shape, Sphere):
-        shape = Sphere(factor * shape.radius)
-    elif isinstance(shape, Mesh):
-        shape = Mesh(factor * np.asarray(shape.polyhedron.vertices), np.asarray(shape.polyhedron.triangles))
-    return replace(item, shape=shape, com=None, inertia=None, covariance=None)
-
-
-def _twice(assembly: Assembly) -> Iterator[tuple[str, str]]:
-    """Ids of equal objects in nearly one place."""
-    movable = [item for item in assembly.objects if not item.fixed]
-    for k, item in enumerate(movable):
-        for other in movable[:k]:
-            near = float(np.linalg.norm(item.pose.translation - other.pose.translation)) < _SAME
-            if near and np.allclose(np.ptp(item.vertices, axis=0), np.ptp(other.vertices, axis=0), atol=_SAME):
-                yield other.id, item.id
-
-
-def _once(assembly: Assembly, pair: tuple[str, str]) -> tuple[str, Callable[[], Assembly]]:
-    objects = tuple(item for item in assembly.objects if item.id != pair[1])
-    friction = tuple(each for each in assembly.friction_pairs if pair[1] not in each.objects)
-    changed = replace(assembly, objects=objects, friction_pairs=friction)
-    return f"with {pair[0]} and {pair[1]} as one object that was seen twice", lambda: changed

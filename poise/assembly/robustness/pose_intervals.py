@@ -17,6 +17,7 @@ from poise.types import Array
 SAMPLES = 59
 """Drawn if nothing else is asked: the least and the greatest of them hold the truth in 58 of 60 cases."""
 _LEAST_MASS = 1e-6
+_STATED = {"masses": "no object states a covariance", "friction": "no friction pair states a deviation"}
 _ACCURACY = 1e-3
 """By which share intervals are widened: equal scenes at other poses differ by the tolerance of the solvers."""
 
@@ -32,6 +33,7 @@ class UncertainAssessment:
         fallen: how many others did not stand. They are left out: the scene was seen at rest.
         refused: how many others could not be assessed.
         complete: all samples were drawn before the deadline.
+        taken_as_exact: what samples have in common because nothing says how uncertain it is: masses, friction, or both.
     """
 
     settled: Assessment
@@ -41,11 +43,19 @@ class UncertainAssessment:
     fallen: int
     refused: int
     complete: bool
+    taken_as_exact: tuple[str, ...]
 
     @property
     def coverage(self) -> float:
         """How probably the interval holds the robustness of one more such sample: (n - 1) / (n + 1) for n samples."""
         return max(0.0, (self.samples - 1) / (self.samples + 1))
+
+    @property
+    def reservation(self) -> str:
+        """That the intervals leave out errors of masses or friction; empty where they do not, or without samples."""
+        if not self.samples or not (exact := self.taken_as_exact):
+            return ""
+        return f"intervals leave out errors of {' and '.join(exact)}: {'; '.join(_STATED[name] for name in exact)}"
 
 
 @in_one_thread
@@ -81,7 +91,7 @@ def assess_settled(
     tolerance = analysis.structure.margin + 3 * _largest_std(scene.seen)
     at_settled = assess(analysis, carried(pushes, scene.seen, scene.assembly), model, deadline, tolerance)
     ends = [(result.lower, result.upper) for result in at_settled.results]
-    if not (scene.moves or _varies(scene.assembly)) or not at_settled.stable:
+    if not (scene.moves or len(_exact(scene.assembly)) < len(_STATED)) or not at_settled.stable:
         samples = 0
     rng = np.random.default_rng(seed)
     draws = scene.samples(rng)
@@ -98,7 +108,7 @@ def assess_settled(
             ends = [(min(low, result.lower), max(high, result.upper)) for (low, high), result in pairs]
     complete = at_settled.complete and drawn + fallen + refused == samples
     lower, upper = np.array(ends).reshape(-1, 2).T * ([[1 - _ACCURACY], [1 + _ACCURACY]] if samples else 1)
-    return UncertainAssessment(at_settled, lower, upper, drawn, fallen, refused, complete)
+    return UncertainAssessment(at_settled, lower, upper, drawn, fallen, refused, complete, _exact(scene.assembly))
 
 
 def _largest_std(assembly: Assembly) -> float:
@@ -141,10 +151,10 @@ def carried(pushes: Sequence[Push | Sequence[Push]], before: Assembly, now: Asse
     return [one(entry) if isinstance(entry, Push) else [one(push) for push in entry] for entry in pushes]
 
 
-def _varies(assembly: Assembly) -> bool:
-    return any(item.covariance is not None for item in assembly.objects) or any(
-        pair.deviation for pair in assembly.friction_pairs
-    )
+def _exact(assembly: Assembly) -> tuple[str, ...]:
+    """Of masses and friction, those whose uncertainty is not stated."""
+    masses = () if any(item.covariance is not None for item in assembly.objects) else ("masses",)
+    return masses if any(pair.deviation for pair in assembly.friction_pairs) else (*masses, "friction")
 
 
 def _varied(assembly: Assembly, rng: np.random.Generator) -> Assembly:

@@ -181,7 +181,7 @@ def _chances(belief: Belief, numbers: Indices, in_line: Mask) -> Array:
     mean, covariance = belief.expected(numbers)
     covariance += _CONSISTENT**2 * np.eye(POINTS)
     gap, along = mean @ MIDDLE, covariance @ MIDDLE
-    variance = along @ MIDDLE
+    variance = np.maximum(along @ MIDDLE, _CONSISTENT**2 * (MIDDLE @ MIDDLE))  # rounding may go below
     values, axes = np.linalg.eigh(covariance - along[:, :, None] * along[:, None, :] / variance[:, None, None])
     turned = np.einsum("kij,ki->kj", axes, mean - along * (gap / variance)[:, None])
     turned, values = turned[:, 1:], values[:, 1:]  # the first is the gap itself, which leaves no variance

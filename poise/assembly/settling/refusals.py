@@ -41,6 +41,17 @@ def _position_std(item: RigidObject) -> float:
     return 0.0 if known else float(np.sqrt(np.max(np.diag(np.asarray(item.pose_covariance))[:3])))
 
 
+def still_overlapping(first: RigidObject, second: RigidObject, depth: float) -> InputError:
+    """The error for two objects that overlap at the most likely poses, m."""
+    return InputError(
+        ErrorCode.INTERPENETRATION,
+        f"objects {first.id} and {second.id} overlap by {depth * 1e3:.2f} mm at the most likely poses, settled with "
+        "the stated uncertainty; check their poses and sizes, and whether one object was seen twice",
+        objects=(first.id, second.id),
+        depth=depth,
+    )
+
+
 def moved_too_far(
     items: Sequence[RigidObject],
     bodies: SeenBodies,

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtri
 
-from poise.assembly.contact import CONTACT_MARGIN
+from poise.assembly.contact import CONTACT_MARGIN, overlapping
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling.belief import POINTS, SeenBodies, most_likely
 from poise.assembly.settling.candidates import edges_and_points, find_candidates
 from poise.assembly.settling.contact_choice import Choice, choose
-from poise.assembly.settling.refusals import moved_too_far, not_carried
+from poise.assembly.settling.refusals import moved_too_far, not_carried, still_overlapping
 from poise.assembly.settling.rows import DistanceRows, steps_between
 from poise.assembly.settling.separation import keep_apart
 from poise.errors import InputError
@@ -144,7 +144,8 @@ def settle(assembly: Assembly, before: Assembly | None = None) -> Settled:
 
     Raises:
         InputError: FLOATING for an object with nothing under it that errors of three sigma explain, naming what is
-            nearest; FLOATING or INTERPENETRATION, naming the pair, where an object would have to move too far.
+            nearest; FLOATING or INTERPENETRATION, naming the pair, where an object would have to move too far, or
+            overlaps another at the most likely poses.
     """
     if not any(_uncertain(item) for item in assembly.objects):
         return Settled(assembly, assembly, (), {}, 0.0, None)
@@ -154,12 +155,16 @@ def settle(assembly: Assembly, before: Assembly | None = None) -> Settled:
     worst = max(moves, key=lambda move: move.sigmas)
     if worst.sigmas > _MOST_STRAIN * problem.limit:
         raise problem.refusal(worst)
+    placed = problem.placed(poses)
+    for *pair, depth in overlapping(placed):
+        if np.any(problem.bodies.slot[pair] >= 0):
+            raise still_overlapping(assembly.objects[pair[0]], assembly.objects[pair[1]], depth)
     pairs = {}
     for number, chance in problem.choice.chances.items():
         if 0.02 < chance < 0.98 and not problem.candidates.in_line[number]:
             first, second = problem.candidates.pair(number)
             pairs[assembly.objects[first].id, assembly.objects[second].id] = chance
-    return Settled(problem.placed(poses), assembly, moves, pairs, problem.limit, problem)
+    return Settled(placed, assembly, moves, pairs, problem.limit, problem)
 
 
 class _Problem:
