@@ -101,3 +101,16 @@ def test_the_ends_of_the_ranges_stay_finite(length, ratio):
     assert np.isfinite(force).all()
     assert np.isfinite(twist).all()
     assert np.abs(force).max() < 1e3
+
+
+def test_the_number_of_steps_is_bounded(monkeypatch):
+    steps = []
+
+    def still(lengths, masses, start, drive, turn, damping, step):
+        steps.append(len(drive))
+        return np.zeros_like(drive), np.tile(start, (len(drive), 1))
+
+    monkeypatch.setattr(rope_motion, "COMPILED", False)
+    monkeypatch.setattr(rope_motion, "_moved", still)
+    hanging_rope(SECONDS, GRAVITY - pushed(20.0), STILL, 0.02, 0.9, 0.3)
+    assert steps[0] <= 2.0 * SECONDS[-1] / rope_motion._SHORTEST_STEP

@@ -29,8 +29,8 @@ begins from."""
 _DAMPING, _TIP = 0.04, 0.05
 _SAMPLES, _FEEBLE = 0.03, 0.05
 """s between the samples of this search, and the share of the residual's square that a pendulum must explain for it."""
-_BEGINNINGS, _STEPS = (0.2, 0.4, 0.6, 0.8, 1.0), 6
-"""Shares of the recording that are fitted one after another, and steps of each fit."""
+_BEGINNINGS, _STEPS, _FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 6, 60.0
+"""Shares of the recording that are fitted one after another, steps of each fit, and s of a long recording that are."""
 _SLOPE, _WIDTH, _INSIDE = 1e-5, 0.01, 1e-3
 """Relative step of a derivative, typical change, and least distance from the ends, of places in the priors."""
 
@@ -88,9 +88,9 @@ class HangingChain(Effect):
         stay at the first length that suits some of its swings.
         """
         moving = [p for p in self.parameters(recorded) if not (p.linear or p.name == "tip")]
-        values = dict(start)
+        values, elapsed = dict(start), recorded.seconds - recorded.seconds[0]
         for share in _BEGINNINGS:
-            rows = np.arange(len(recorded)) < share * len(recorded)
+            rows = elapsed <= share * min(float(elapsed[-1]), _FOLLOWED)
             begun = recorded if rows.all() else recorded.select(rows)
             off = partial(self._off, begun, residual[rows], weight, values, moving)
             at = np.clip([p.to_unit(values[p.name]) for p in moving], _INSIDE, 1.0 - _INSIDE)

@@ -15,8 +15,10 @@ from poise.types import Array
 _LENGTHS = np.array([0.5, 1.0, 1.0, 1.0])
 """Of the links, in equal parts of a rope, whose masses are in their middles: the second mode is 4 % off that of a rope
 (as a pendulum's length, relative to the first)."""
-_PHASE, _LONGEST_STEP, _FADES = 0.4, 0.02, 0.5
-"""rad of the fastest mode in a step, s, and the share of its speed that the damping may take in a step."""
+_PHASE, _FADES = 0.4, 0.5
+"""rad of the fastest mode in a step, and the share of its speed that the damping may take in a step."""
+_SHORTEST_STEP, _LONGEST_STEP = 2e-4, 0.02
+"""s; joints are damped less where a step would have to be shorter."""
 _PROJECTIONS = 12
 """Passes of Newton's method on the tensions of a step."""
 
@@ -91,9 +93,10 @@ def hanging_rope(
     link = length * modes.first  # that swings as a pendulum of this length
     strongest = float(np.linalg.norm(pull, axis=1).max())
     frequency = np.sqrt(float(np.median(np.linalg.norm(pull, axis=1))) / length)
-    damping = 2.0 * damping_ratio * frequency * modes.damping * link**2
+    stiff = _FADES * link**2 / modes.fading  # N m: of joints, times a step
+    damping = min(2.0 * damping_ratio * frequency * modes.damping * link**2, stiff / _SHORTEST_STEP)
     fastest = np.sqrt(strongest * modes.fastest / link)
-    wanted = min(_PHASE / fastest, _FADES * link**2 / max(damping * modes.fading, 1e-12), _LONGEST_STEP)
+    wanted = max(min(_PHASE / fastest, stiff / max(damping, 1e-12), _LONGEST_STEP), _SHORTEST_STEP)
     # From a geometric ladder: the steps do not change with every length that is tried.
     finer = np.ceil(2.0 * np.log2(_LONGEST_STEP / wanted))
     count = int(np.ceil((seconds[-1] - seconds[0]) / _LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
