@@ -109,7 +109,7 @@ static void projected(int links, const double *square, const double *inverse, co
       lower[i] = i > 1 ? 2.0 * inverse[i - 1] * dot3(here, along[i - 1]) : 0.0;
       upper[i] = i < links ? 2.0 * inverse[i] * dot3(here, along[i + 1]) : 0.0;
     }
-    if (worst < 1e-11) return;
+    if (worst < 1e-8) return;
     for (int i = 2; i <= links; i++) {
       const double share = lower[i] / diagonal[i - 1];
       diagonal[i] -= share * upper[i - 1];

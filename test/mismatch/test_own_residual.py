@@ -136,7 +136,7 @@ def test_a_long_pendulum_is_a_liquid_or_a_rope(length, rope_as_likely):
     changed = replace(recorded, wrench=recorded.wrench + slosh.simulate(recorded, swing))
     (found,) = diagnose(changed, case.model, library=effects_called(["slosh", "hanging_chain"])).findings
     assert found.effect.name == "slosh"
-    assert ("hanging_chain" in found.belief.alike) == rope_as_likely
+    assert "hanging_chain" in found.belief.alike  # a weight on a short string swings alike, too
     assert (found.belief.probability < 0.5) == rope_as_likely
 
 

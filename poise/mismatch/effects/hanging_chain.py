@@ -29,7 +29,7 @@ begins from."""
 _DAMPING, _TIP = 0.04, 0.05
 _SAMPLES, _FEEBLE = 0.03, 0.05
 """s between the samples of this search, and the share of the residual's square that a pendulum must explain for it."""
-_BEGINNINGS, _STEPS, _FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 6, 60.0
+_BEGINNINGS, _STEPS, _FOLLOWED = (0.2, 0.4, 0.6, 0.8), 6, 60.0
 """Shares of the recording that are fitted one after another, steps of each fit, and s of a long recording that are."""
 _SLOPE, _WIDTH, _INSIDE = 1e-5, 0.01, 1e-3
 """Relative step of a derivative, typical change, and least distance from the ends, of places in the priors."""
@@ -58,8 +58,8 @@ class HangingChain(Effect):
         del recorded
         return (
             EffectParameter("length", "m", low=0.02, high=1.5, linear=False, log=True),
-            EffectParameter("tip", "", low=0.0, high=0.9, linear=False, hidden=True),
-            EffectParameter("damping_ratio", "", low=5e-4, high=0.3, linear=False, log=True),
+            EffectParameter("tip", "", low=0.0, high=0.5, linear=False, hidden=True),
+            EffectParameter("damping_ratio", "", low=5e-4, high=0.1, linear=False, log=True),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS

@@ -40,12 +40,12 @@ _FEWEST = 2
 """Knocks on the other stop that a part needs, and knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
-_FEEBLE = 0.025
-"""Share of the square of the averaged residual that a start must explain to be improved: averages leave most of the
-noise out. Parts of 75 g explain 3 to 10 %, other effects with as loud knocks up to 2 % (benchmarks.concealed)."""
+_FEEBLE, _SILENT = 0.025, 0.05
+"""Share of the square of the averaged residual that a start must explain to be improved, with and without audible
+knocks: parts of 75 g explain 3 to 10 %, other effects with as loud knocks up to 2 % (benchmarks.concealed)."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
 """m and s that are tried."""
-_TRIED = 2
+_TRIED = 3
 """Starts that are improved: each may end at a gap that is right for some of the knocks alone."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s: accuracy of axis, place and time from knocks alone."""
@@ -95,7 +95,8 @@ class LoosePart(Effect):
         readings = find_knocks(recorded.seconds, wanted[:, :3], 1.0 / weight[:3])
         bent = _bent(recorded, residual)
         found = self._from_rest(recorded, bent, weight)
-        if readings and len(readings[0].moments) >= _FEWEST:
+        heard = bool(readings) and len(readings[0].moments) >= _FEWEST
+        if heard:
             found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
 
         there = _blurred(bent, weight, _SCREENED)
@@ -111,7 +112,7 @@ class LoosePart(Effect):
             for settling in (start["settling"], _SETTLING)
         ]
         drops = [drop(values) for values in tried]
-        least = max(_HEARD, _FEEBLE * _step(_SCREENED) * float(there @ there))
+        least = max(_HEARD, (_FEEBLE if heard else _SILENT) * _step(_SCREENED) * float(there @ there))
         best = [tried[index] for index in np.argsort(drops)[::-1].tolist() if drops[index] > least]
         for start in best[:_TRIED]:
             yield self._sharpened(recorded, start, bent, weight)

@@ -15,9 +15,9 @@ from poise.types import Array
 _LENGTHS = np.array([0.5, 1.0, 1.0, 1.0])
 """Of the links, in equal parts of a rope, whose masses are in their middles: the second mode is 4 % off that of a rope
 (as a pendulum's length, relative to the first)."""
-_PHASE, _FADES = 0.4, 0.5
+_PHASE, _FADES = 0.6, 1.5
 """rad of the fastest mode in a step, and the share of its speed that the damping may take in a step."""
-_SHORTEST_STEP, _LONGEST_STEP = 2e-4, 0.02
+_SHORTEST_STEP, _LONGEST_STEP = 1e-3, 0.02
 """s; joints are damped less where a step would have to be shorter."""
 _PROJECTIONS = 12
 """Passes of Newton's method on the tensions of a step."""
@@ -147,7 +147,7 @@ def _projected(lengths: Array, inverse: Array, along: Array, free: Array) -> Arr
         beads = free + inverse[:, None] * (np.vstack([pulled[1:], np.zeros(3)]) - pulled)
         here = np.diff(beads, axis=0, prepend=0.0)
         off = np.einsum("ni,ni->n", here, here) - lengths**2
-        if np.abs(off / lengths**2).max() < 1e-11:
+        if np.abs(off / lengths**2).max() < 1e-8:
             return np.asarray(beads)
         products = here @ along.T
         slope = -np.diag(np.diag(products) * (inverse + above))
