@@ -9,9 +9,10 @@ from benchmarks.concealed.case import Plan
 from benchmarks.concealed.changes import DECOYS, EFFORT_EFFECTS, EFFORT_UNKNOWNS, LIBRARY, UNKNOWNS
 from benchmarks.concealed.twins import TWINS
 
-SEEDS = {"development": 4_021, "calibration": 60_313, "regression": 73_939, "final": 804_223}
-"""First number of every chance. The tool is worked on with `development`, its probabilities come from `calibration`;
-versions of it are compared on `regression`; nothing is tuned on `final`, and it is not looked at before a release."""
+SEEDS = {"development": 4_021, "calibration": 60_313, "regression": 73_939, "effects": 8_401, "final": 804_223}
+"""First number of every chance. The tool is worked on with `development`, and with `effects` on some of them; its
+probabilities come from `calibration`; versions of it are compared on `regression`; nothing is tuned on `final`, and it
+is not looked at before a release."""
 
 Item = TypeVar("Item")
 
@@ -65,6 +66,19 @@ def draw_plans(seeds: str, cases: int) -> list[Plan]:
     return [
         Plan(kind, names, strength, effort, seed=(SEEDS[seeds], number))
         for number, kind, names, strength, effort in numbered
+    ]
+
+
+def plans_of(effects: Sequence[str], each: int) -> list[Plan]:
+    """Cases of some effects alone, one effect after the other, in turn at every strength.
+
+    Args:
+        effects: names. each: cases of every effect.
+    """
+    return [
+        Plan("single", (name,), STRENGTHS[k % 2], name in EFFORT_EFFECTS, seed=(SEEDS["effects"], each * i + k))
+        for i, name in enumerate(effects)
+        for k in range(each)
     ]
 
 

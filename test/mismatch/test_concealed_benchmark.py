@@ -18,7 +18,7 @@ from benchmarks.concealed.changes.chain import Bias, Clock, Encoders, Gain, Turn
 from benchmarks.concealed.changes.honest import TOLERANCE, honest_errors
 from benchmarks.concealed.changes.weight import OtherPayload
 from benchmarks.concealed.confusion import counts, draw
-from benchmarks.concealed.plan import PAIRS, SEEDS, draw_plans
+from benchmarks.concealed.plan import PAIRS, SEEDS, draw_plans, plans_of
 from benchmarks.concealed.recorder import PERIODS, WHITE
 from benchmarks.concealed.run import judge as run_tool
 from benchmarks.concealed.seals import open_seals, private_file, sealed, write_seals
@@ -200,6 +200,18 @@ def test_plans_have_their_shares_and_development_and_final_share_no_chance() -> 
     assert len(set(SEEDS.values())) == len(SEEDS)
     assert not {plan.seed for plan in plans} & {plan.seed for plan in draw_plans("development", 200)}
     assert {name for pair in PAIRS for name in pair} <= set(LIBRARY)
+
+
+def test_plans_of_some_effects_have_each_at_both_strengths_and_seeds_of_their_own() -> None:
+    plans = plans_of(["slosh", "backlash"], 2)
+    assert [(plan.names, plan.strength, plan.effort) for plan in plans] == [
+        (("slosh",), 1.0, False),
+        (("slosh",), 0.3, False),
+        (("backlash",), 1.0, True),
+        (("backlash",), 0.3, True),
+    ]
+    assert len({plan.seed for plan in plans}) == 4
+    assert not {plan.seed[0] for plan in plans} & {SEEDS[each] for each in SEEDS if each != "effects"}
 
 
 @pytest.mark.parametrize("name", sorted(TWINS))
