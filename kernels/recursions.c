@@ -91,7 +91,8 @@ static vector cross3(vector a, vector b) {
 
 /* Move beads so that each is a link from the one above it, by forces along the links before the step (SHAKE): Newton's
  * method on all tensions at once, whose matrix has three bands. Bead 0 is the pivot. */
-static void projected(int links, const double *square, const double *inverse, const vector *along, const vector *free, vector *bead) {
+static void projected(int links, const double *square, const double *inverse, const vector *along, const vector *free,
+                      vector *bead) {
   double tension[MOST_LINKS + 2] = {0.0}, lower[MOST_LINKS + 1], diagonal[MOST_LINKS + 1], upper[MOST_LINKS + 1];
   double right[MOST_LINKS + 1];
   for (int pass = 0; pass < PROJECTIONS; pass++) {
@@ -128,11 +129,12 @@ static void projected(int links, const double *square, const double *inverse, co
 }
 
 /* A rope of beads on rods from a pivot: centres of mass and directions of its first rod, (n, 3) each.
- * `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `drive` (n, 3) m/s2 on every bead; `turn` (n, 3) rad/s of the vessel; `damping`
- * N m s/rad of each joint; `step` s. It begins straight along `start` (3,), at rest. */
+ * `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `drive` (n, 3) m/s2 on every bead; `turn`
+ * (n, 3) rad/s of the vessel; `damping` N m s/rad of each joint; `step` s. It begins straight along `start` (3,), at
+ * rest. */
 POISE_EXPORT void poise_rope(int64_t n, int64_t links, const double *lengths, const double *masses,
-                             const double *start, const double *drive, const double *turn, double damping, double step, double *centres,
-                             double *directions) {
+                             const double *start, const double *drive, const double *turn, double damping,
+                             double step, double *centres, double *directions) {
   vector bead[MOST_LINKS + 1] = {{{0.0}}}, before[MOST_LINKS + 1], along[MOST_LINKS + 2], rate[MOST_LINKS + 2];
   vector free[MOST_LINKS + 1] = {{{0.0}}};
   double inverse[MOST_LINKS + 1] = {0.0}, square[MOST_LINKS + 1] = {0.0}, whole = 0.0;

@@ -1,6 +1,7 @@
 """Which cases there are: the mix of kinds, and the chance of each, from the seeds' name and the number of cases."""
 
 from collections.abc import Sequence
+from itertools import cycle, islice
 from typing import TypeVar
 
 import numpy as np
@@ -76,9 +77,9 @@ def plans_of(effects: Sequence[str], each: int) -> list[Plan]:
         effects: names. each: cases of every effect.
     """
     return [
-        Plan("single", (name,), STRENGTHS[k % 2], name in EFFORT_EFFECTS, seed=(SEEDS["effects"], each * i + k))
+        Plan("single", (name,), strength, name in EFFORT_EFFECTS, seed=(SEEDS["effects"], each * i + k))
         for i, name in enumerate(effects)
-        for k in range(each)
+        for k, strength in enumerate(islice(cycle(STRENGTHS), each))
     ]
 
 

@@ -7,12 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poise.assembly.scene import Assembly, Box, Cylinder, Mesh, RigidObject, Sphere
+from poise.assembly.scene import MATTER, Assembly, Box, Cylinder, Mesh, RigidObject, Sphere
 from poise.geometry import Pose, rotation_about
 from poise.types import Array
 
-_LIGHT, _DENSE = 0.5, 12_000.0
-"""kg/m3; what is beyond may be given in another unit."""
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
 """m."""
 _FAR = 3.0
@@ -43,9 +41,8 @@ def readings_of_all(assembly: Assembly) -> Iterator[SceneReading]:
     light = [item.id for item in movable if _may_be(item, _UNITS["mm"])]
     if light:
         if len(light) == len(movable):
-            yield SceneReading("all lengths are in mm", lambda: _each(assembly, _in_mm, fixed=True))
-        words = f"sizes of {', '.join(light[:3])} are in mm"
-        yield SceneReading(words, lambda: _changed(assembly, light, _times(1e-3)))
+            yield _read(assembly, "all lengths are in mm", [item.id for item in assembly.objects], _in_mm)
+        yield _read(assembly, f"sizes of {', '.join(light[:3])} are in mm", light, _times(1e-3))
     names = [item.id for item in movable]
     for words, change in _CONVENTIONS:
         yield _read(assembly, words, names, change)
@@ -133,14 +130,8 @@ def _named(order: Sequence[int]) -> str:
 def _may_be(item: RigidObject, factor: float) -> bool:
     """Whether an object has the density of no matter, but one of matter if its sizes are larger by a factor."""
     density = item.mass / abs(item.shape.volume)
-    return not _LIGHT < density < _DENSE and _LIGHT < density / factor**3 < _DENSE
-
-
-def _each(assembly: Assembly, change: _Change, fixed: bool = False) -> Assembly:
-    """With all objects that may move changed, and fixed ones if so asked."""
-    return replace(
-        assembly, objects=tuple(change(item) if fixed or not item.fixed else item for item in assembly.objects)
-    )
+    least, most = MATTER
+    return not least < density < most and least < density / factor**3 < most
 
 
 def _changed(assembly: Assembly, names: Sequence[str], change: _Change) -> Assembly:

@@ -6,7 +6,7 @@
 """
 
 from poise.assembly.scene.mesh_files import load_mesh
-from poise.assembly.scene.plausibility import SceneFinding, scene_findings
+from poise.assembly.scene.plausibility import MATTER, SceneFinding, scene_findings
 from poise.assembly.scene.scene import ROLLING, Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.scene_files import (
     load_scene,
@@ -20,6 +20,7 @@ from poise.assembly.scene.scene_files import (
 from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, Sphere, merge_facets
 
 __all__ = [
+    "MATTER",
     "ROLLING",
     "Assembly",
     "Box",

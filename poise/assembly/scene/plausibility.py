@@ -9,9 +9,9 @@ import numpy as np
 from poise.assembly.scene.scene import Assembly, RigidObject
 
 _SLIPPERY, _FRICTION = 0.0, 2.0
-_LIGHT, _DENSE = 0.5, 12_000.0
+MATTER = (0.5, 12_000.0)
 """kg/m3: lighter than the lightest foams by far; denser than lead."""
-_USUAL = (20.0, _DENSE)
+_USUAL = (20.0, MATTER[1])
 _UPSIDE_DOWN, _NEARLY = np.array([1.0, 0.0, 0.0, 0.0]), 0.05
 _GRAVITY = np.cos(np.radians(60))
 _STRENGTHS = (1.5, 25.0)
@@ -60,8 +60,8 @@ def _friction(assembly: Assembly) -> Iterator[SceneFinding]:
 def _densities(movable: Sequence[RigidObject]) -> Iterator[SceneFinding]:
     densities = {item.id: item.mass / abs(item.shape.volume) for item in movable}
     for strange, than in (
-        ([name for name, value in densities.items() if value > _DENSE], "denser than lead"),
-        ([name for name, value in densities.items() if value < _LIGHT], "lighter than any packed object"),
+        ([name for name, value in densities.items() if value > MATTER[1]], "denser than lead"),
+        ([name for name, value in densities.items() if value < MATTER[0]], "lighter than any packed object"),
     ):
         if strange:
             worst = max(strange, key=lambda name: abs(np.log(densities[name] / 1000.0)))

@@ -10,7 +10,7 @@ sensor effect sees the prediction with all forces in it.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -120,6 +120,11 @@ class EffectParameter:
 
     def _stretched(self, value: float) -> float:
         return float(np.log(value)) if self.log else float(np.arctan(value / self.scale)) if self.peaked else value
+
+
+def values_at(parameters: Sequence[EffectParameter], places: Array) -> dict[str, float]:
+    """The values of parameters at places (P,) 0 to 1 of their priors."""
+    return {p.name: p.from_unit(float(place)) for p, place in zip(parameters, places, strict=True)}
 
 
 class Effect(ABC):

@@ -1,13 +1,12 @@
 """Hanging chain: a rope, a hose or a bag hangs from the load and swings."""
 
-from collections.abc import Iterable, Sequence
-from functools import partial
+from collections.abc import Iterable
 
 import numpy as np
 import scipy
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.part_wrench import (
     PAYLOAD_REACH,
     POINT_PARAMETERS,
@@ -73,13 +72,10 @@ class HangingChain(Effect):
         yield from swings
         few, left = coarsely(recorded, residual, _SAMPLES)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
-
-        def remaining(values: Values) -> float:
-            return float(np.sum(self._rest(few, left, weight, values) ** 2))
-
-        best = min(swings, key=remaining)
-        if remaining(best) < (1.0 - _FEEBLE) * float(np.sum((beside_errors(few, left) * weight) ** 2)):
-            yield self._followed(few, left, weight, best)
+        there = (beside_errors(few, left) * weight).ravel()
+        squares = [float(np.sum(self._rest(few, there, weight, values) ** 2)) for values in swings]
+        if min(squares) < (1.0 - _FEEBLE) * float(there @ there):
+            yield self._followed(few, left, weight, swings[int(np.argmin(squares))])
 
     def _followed(self, recorded: RecordedMotion, residual: Array, weight: Array, start: Values) -> dict[str, float]:
         """The values after fits to longer and longer beginnings of a residual.
@@ -92,28 +88,22 @@ class HangingChain(Effect):
         for share in _BEGINNINGS:
             rows = elapsed <= share * min(float(elapsed[-1]), _FOLLOWED)
             begun = recorded if rows.all() else recorded.select(rows)
-            off = partial(self._off, begun, residual[rows], weight, values, moving)
+            there = (beside_errors(begun, residual[rows]) * weight).ravel()
+
+            def off(
+                places: Array, begun: RecordedMotion = begun, there: Array = there, known: Values = values
+            ) -> Array:
+                return self._rest(begun, there, weight, {**known, **values_at(moving, places)})
+
             at = np.clip([p.to_unit(values[p.name]) for p in moving], _INSIDE, 1.0 - _INSIDE)
             found = scipy.optimize.least_squares(
                 off, at, bounds=(0.0, 1.0), diff_step=_SLOPE, x_scale=_WIDTH, max_nfev=_STEPS
             )
-            values |= _moved(moving, found.x)
+            values = values | values_at(moving, found.x)
         return values
 
-    def _off(
-        self,
-        recorded: RecordedMotion,
-        residual: Array,
-        weight: Array,
-        values: dict[str, float],
-        moving: Sequence[EffectParameter],
-        places: Array,
-    ) -> Array:
-        return self._rest(recorded, residual, weight, values | _moved(moving, places))
-
-    def _rest(self, recorded: RecordedMotion, residual: Array, weight: Array, values: Values) -> Array:
-        """The residual (6 N,) beside the best mass and errors of the calibration, in units of its noise."""
-        there = (beside_errors(recorded, residual) * weight).ravel()
+    def _rest(self, recorded: RecordedMotion, there: Array, weight: Array, values: Values) -> Array:
+        """What the best mass leaves of a residual (6 N,), which is beside errors and in units of its noise."""
         here = (beside_errors(recorded, self.columns(recorded, values)[:, :, 0]) * weight).ravel()
         return np.asarray(there - max(float(here @ there), 0.0) / max(float(here @ here), 1e-12) * here)
 
@@ -142,7 +132,3 @@ class HangingChain(Effect):
             f"{1e3 * found['total_mass'][0]:.0f} g hang from the load and swing at {found['frequency'][0]:.2f} Hz, as "
             "a rope or a chain does: the nominal payload is rigid."
         )
-
-
-def _moved(moving: Sequence[EffectParameter], places: Array) -> dict[str, float]:
-    return {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}

@@ -8,7 +8,7 @@ import scipy
 from scipy.ndimage import uniform_filter1d
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.knocks import Knocks, find_knocks
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
@@ -113,9 +113,10 @@ class LoosePart(Effect):
         ]
         drops = [drop(values) for values in tried]
         least = max(_HEARD, (_FEEBLE if heard else _SILENT) * _step(_SCREENED) * float(there @ there))
-        best = [tried[index] for index in np.argsort(drops)[::-1].tolist() if drops[index] > least]
-        for start in best[:_TRIED]:
-            yield self._sharpened(recorded, start, bent, weight)
+        best = [tried[index] for index in np.argsort(drops)[::-1].tolist() if drops[index] > least][:_TRIED]
+        for index, start in enumerate(best):
+            if start not in best[:index]:
+                yield self._sharpened(recorded, start, bent, weight)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         slid = self._slid(recorded, nonlinear)
@@ -213,16 +214,15 @@ class LoosePart(Effect):
         moving = [p for p in self.parameters(recorded) if not p.linear]
         width = np.array([_WIDTHS.get(p.name, _WIDTHS["x"]) for p in moving])
 
-        def values(places: Array) -> dict[str, float]:
-            return {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
-
         places = np.array([p.to_unit(start[p.name]) for p in moving])
         for blur, generations, share in _STAGES:
             there = _blurred(wanted, weight, blur)
             places = np.clip(places, _EDGE, 1.0 - _EDGE)
             around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
             places = scipy.optimize.differential_evolution(
-                lambda tried, there=there, blur=blur: -self._drop(recorded, values(tried), there, weight, blur),
+                lambda tried, there=there, blur=blur: (
+                    -self._drop(recorded, values_at(moving, tried), there, weight, blur)
+                ),
                 around,
                 x0=places,
                 popsize=2,
@@ -232,7 +232,7 @@ class LoosePart(Effect):
                 polish=False,
                 rng=0,
             ).x
-        return values(places)
+        return values_at(moving, places)
 
     def _drop(self, recorded: RecordedMotion, nonlinear: Values, there: Array, weight: Array, blur: int) -> float:
         """By how much the best mass lowers the square of a residual, which is `_blurred`."""

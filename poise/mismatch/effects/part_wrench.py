@@ -130,7 +130,7 @@ def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[Re
 
 
 def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
-    """(N, 6) wrenches without what a bias, gains and a shifted centre of mass explain of each channel."""
+    """(N, C) channels of wrenches without what a bias, gains and a shifted centre of mass explain of each."""
 
     def made() -> Array:
         known = np.hstack([np.ones((len(recorded), 1)), recorded.specific, recorded.nominal])

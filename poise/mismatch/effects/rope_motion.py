@@ -109,13 +109,9 @@ def hanging_rope(
     second = np.zeros_like(centres)
     second[1:-1] = (centres[2:] - 2.0 * centres[1:-1] + centres[:-2]) / step**2
     second[0], second[-1] = second[1], second[-2]
-    twist = damping * (cross(first, np.gradient(first, step, axis=0)) - turn + first * _dot(turn, first))
-    force = -float(modes.masses.sum()) * second
-    return linear_at(even, force, seconds), linear_at(even, twist, seconds)
-
-
-def _dot(one: Array, other: Array) -> Array:
-    return np.asarray(np.einsum("ni,ni->n", one, other)[:, None])
+    across = turn - first * np.sum(turn * first, axis=1, keepdims=True)
+    twist = damping * (cross(first, np.gradient(first, step, axis=0)) - across)
+    return linear_at(even, -second, seconds), linear_at(even, twist, seconds)
 
 
 def _moved(
