@@ -64,6 +64,7 @@ class MappedColumns:
         file: the table.
         names: a column for each component, or one whose cells hold lists.
         width: number of components.
+        units: (width,) names.
         factor: (width,) unit times gain.
         offset: (width,) SI, of the joint.
         motor: whether the values are those of the motors, before the transmission.
@@ -73,6 +74,7 @@ class MappedColumns:
     file: Path
     names: tuple[str, ...]
     width: int
+    units: tuple[str, ...]
     factor: Array
     offset: Array
     motor: bool
@@ -263,6 +265,7 @@ def _columns(section: Section, quantity: str, width: int) -> MappedColumns:
     names = part.texts("columns" if "columns" in content else "column")
     if len(names) not in (1, width):
         raise part.error("columns", f"must be {width} columns: it has {len(names)}")
+    units = part.texts("unit") if "unit" in part.content else (next(iter(UNITS_BY_QUANTITY[quantity])),)
     side = part.text("side", "motor" if "transmission" in section.content else "joint")
     if side not in ("motor", "joint") or (side == "motor" and "transmission" not in section.content):
         raise part.error("side", "must be motor (with a transmission) or joint")
@@ -270,17 +273,17 @@ def _columns(section: Section, quantity: str, width: int) -> MappedColumns:
         file=(part if "file" in content else section).file("file"),
         names=names,
         width=width,
-        factor=_unit_factors(part, quantity, width) * part.numbers("gain", 1.0, width),
+        units=tuple(np.broadcast_to(units, width).tolist()),
+        factor=_unit_factors(part, quantity, units, width) * part.numbers("gain", 1.0, width),
         offset=part.numbers("offset", 0.0, width),
         motor=side == "motor",
         where=part.where,
     )
 
 
-def _unit_factors(part: Section, quantity: str, width: int) -> Array:
+def _unit_factors(part: Section, quantity: str, given: tuple[str, ...], width: int) -> Array:
     """(width,) factors to SI of the unit, or of a unit for each component."""
     units = UNITS_BY_QUANTITY[quantity]
-    given = part.texts("unit") if "unit" in part.content else (next(iter(units)),)
     ticks = TICKS[quantity == "velocity"] if quantity in ("position", "velocity") else ""
     unknown = [unit for unit in given if unit not in units and unit != ticks]
     if unknown or len(given) not in (1, width):

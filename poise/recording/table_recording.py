@@ -1,5 +1,6 @@
 """A recording from tables: the streams that a mapping describes, given as the messages that would carry them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from poise.recording.encoding import definition_of, encode_text, message_type_of
 from poise.recording.mapping import KEYS_BY_KIND, MappedColumns, MappedTopic, TableMapping, load_mapping
 from poise.recording.row_encoding import encode_rows, pattern_of
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
-from poise.recording.tables import RecordedTable, read_table
+from poise.recording.tables import read_table
+from poise.recording.text_tables import RecordedTable
+from poise.recording.units import TIME, UNITS_BY_QUANTITY, same_unit
 from poise.types import Array, Stamps
 
 _BLOCK_ROWS = 4096
@@ -142,8 +145,11 @@ def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[Me
         listed = ", ".join(f"{quantity} {number}" for quantity, number in rows.items())
         sentence = f"{mapping.path}: the tables of topics.{topic.name} differ in their numbers of rows: {listed}"
         raise InputError(ErrorCode.SHAPE_MISMATCH, sentence)
-    cut = {quantity: array[:count] for quantity, array in values.items()}
-    return _stream(mapping, topic, cut, count), _stamps(topic, tables[files[0]], count)
+    # In a table that merges topics, the rows of the others have empty cells here.
+    there = np.isfinite(np.hstack([array[:count] for array in values.values()])).any(axis=1)
+    kept = np.flatnonzero(there) if there.any() else np.arange(count)
+    stream = _stream(mapping, topic, {quantity: array[kept] for quantity, array in values.items()}, len(kept))
+    return stream, _stamps(mapping, topic, tables[files[0]], count)[kept]
 
 
 def _si_values(
@@ -154,6 +160,8 @@ def _si_values(
     if raw.shape[1] != columns.width:
         sentence = f"{columns.where} has {raw.shape[1]} values a row in {columns.file.name}, it must be {columns.width}"
         raise InputError(ErrorCode.BAD_INPUT, f"{mapping.path}: {sentence}: correct the columns or the joints")
+    for name, unit in zip(columns.names, columns.units, strict=False):
+        _check_unit(mapping, columns.where, table.units.get(name, unit), unit, UNITS_BY_QUANTITY[quantity])
     values = raw * columns.factor
     if columns.motor and quantity == "effort":
         values = values @ topic.transmission
@@ -162,8 +170,19 @@ def _si_values(
     return np.asarray(values + columns.offset)
 
 
-def _stamps(topic: MappedTopic, table: RecordedTable, count: int) -> Stamps:
+def _check_unit(mapping: TableMapping, where: str, stated: str, named: str, units: Mapping[str, float]) -> None:
+    """Refuse a unit that differs from the one that the table states."""
+    if not same_unit(stated, named, units):
+        sentence = (
+            f"{mapping.path}: {where}: the table states the unit {stated}, the mapping {named}: correct one of them"
+        )
+        raise InputError(ErrorCode.BAD_INPUT, sentence)
+
+
+def _stamps(mapping: TableMapping, topic: MappedTopic, table: RecordedTable, count: int) -> Stamps:
     if table.stamps is not None:
+        named = next(name for name, unit in TIME.items() if unit == topic.clock.unit)
+        _check_unit(mapping, f"topics.{topic.name}.time", table.units.get(topic.clock.column, named), named, TIME)
         return table.stamps[:count] + topic.clock.start
     return np.asarray(np.rint(np.arange(count) * (1e9 / topic.clock.rate)), dtype=np.int64) + topic.clock.start
 

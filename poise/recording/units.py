@@ -1,6 +1,8 @@
 """The units that a table's columns may be in, each as its factor to SI."""
 
 import math
+import re
+from collections.abc import Mapping
 
 TIME = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Nanoseconds."""
@@ -30,3 +32,20 @@ UNITS_BY_QUANTITY: dict[str, dict[str, float]] = {
     "rotation": _NUMBER,
 }
 """The first unit of each is the one that is meant when none is given."""
+
+_SPELLINGS = {"sec": "s", "degree": "deg", "degrees": "deg", "\N{DEGREE SIGN}": "deg", "\N{DEGREE SIGN}/s": "deg/s"}
+
+
+def same_unit(stated: str, named: str, units: Mapping[str, float]) -> bool:
+    """Whether a table's unit is the one that the mapping names; also of units that are not known here.
+
+    Args:
+        stated: as the table writes it: "Nm", "m/s^2", "sec".
+        named: one of `units`, or ticks.
+        units: factors by name.
+    """
+    bare = re.sub(r"[ ^*.\N{MIDDLE DOT}\N{DOT OPERATOR}]", "", _SPELLINGS.get(stated.lower(), stated))
+    known = {unit.replace(" ", ""): unit for unit in units}.get(bare)
+    if known is None or known == named:
+        return True
+    return units.get(named) == units[known] and not {known, named} & set(PER_GAIN)
