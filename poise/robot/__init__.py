@@ -37,6 +37,7 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
+from poise.robot.odometry_input import stands_alone, usable_odometry
 from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
@@ -116,6 +117,8 @@ __all__ = [
     "sampling_times",
     "scatter",
     "sensor_motion",
+    "stands_alone",
+    "usable_odometry",
     "went_back",
     "without_turns",
 ]

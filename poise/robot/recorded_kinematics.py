@@ -8,6 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.recording import JointStream, PoseStream, Recording
 from poise.robot.model import RobotModel, chains
+from poise.robot.odometry_input import usable_odometry
 from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.sources import FrameSource, JointSource, MotionSource
 from poise.types import Stamps
@@ -46,6 +47,8 @@ def find_kinematics(
     """
     joints, frames = has_topic(recording, "joint_states"), has_topic(recording, "tf")
     odometry = recording.odometry() if joints and has_topic(recording, "odom") else None
+    if odometry is not None and not is_constant(odometry):
+        odometry = usable_odometry(odometry)[0]
     if odometry is not None and is_constant(odometry):
         odometry = None
     if robot_model is None and joints and has_topic(recording, "robot_description"):

@@ -11,7 +11,7 @@ from poise.assembly import Assembly
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, nearest_rotation
 from poise.recording import PoseStream, Recording
-from poise.robot import FrameTree, frames_above, has_topic
+from poise.robot import FrameTree, frames_above, has_topic, usable_odometry
 from poise.types import Array, Mask, Stamps
 
 GRID_RATE = 100.0
@@ -133,7 +133,7 @@ def _tree(recording: Recording, carrier: str, objects: list[str]) -> tuple[Frame
     for name in (carrier, *objects):
         streams |= {one.child: one for one in frames_above(recording, name)}
     if not _moves(streams, carrier) and has_topic(recording, "odom"):
-        odometry = recording.odometry()
+        odometry = usable_odometry(recording.odometry())[0]
         streams.setdefault(odometry.child, odometry)
     for one in streams.values():
         tree.add_stream(one)

@@ -7,9 +7,10 @@ import numpy as np
 
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.joint_motion import seconds_since
-from poise.mismatch.reading.joint_samples import averaged_joints
+from poise.mismatch.reading.joint_samples import averaged_joints, without_repeats
 from poise.mismatch.recorded import CommandTrack
 from poise.recording import JointStream, Recording, joint_commands
+from poise.robot import stands_alone
 from poise.types import Array
 
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -44,9 +45,10 @@ def command_track(commands: JointStream, names: Sequence[str], start: int, end: 
     there = [name for name in names if name in commands.names]
     if not there or not len(commands):
         return None
-    commands = averaged_joints(commands)[0]
+    commands = averaged_joints(without_repeats(commands))[0]
     columns = [commands.names.index(name) for name in there]
-    rows = np.isfinite(commands.position[:, columns]).all(axis=1)
+    commands = commands.select(np.isfinite(commands.position[:, columns]).all(axis=1))
+    rows = ~stands_alone(commands.position[:, columns], np.zeros(len(columns), dtype=bool))
     rows &= (commands.stamps > start - _BEYOND) & (commands.stamps < end + _BEYOND)
     seconds = seconds_since(commands.stamps[rows], start)
     if len(seconds) < 2:
@@ -82,13 +84,19 @@ def _followed(name: str, sent_at: Array, sent: Array, at: Array, moved: Array) -
     edges = np.linspace(0, len(at), _BLOCKS + 1).astype(int).tolist()
     parts = [_lag(sent_at, sent, at[a:b], moved[a:b])[0] for a, b in itertools.pairwise(edges)]
     scatter = max(float(np.std(parts, ddof=1) / np.sqrt(_BLOCKS)), 5e-4)
-    late = f"{1e3 * delay:.1f} ± {1e3 * scatter:.1f} ms" if delay < _LATEST else f"over {1e3 * _LATEST:.0f} ms"
+    late = (
+        f"{1e3 * abs(delay):.1f} ± {1e3 * scatter:.1f} ms" if abs(delay) < _LATEST else f"over {1e3 * _LATEST:.0f} ms"
+    )
+    late += " late" if delay >= 0.0 else " before its command (their clocks differ)"
     off = float(np.sqrt(np.mean((moved - np.interp(at, sent_at, sent)) ** 2)))
-    return f"{name} {late} late, gain {gain:.3g}, off by {off:.2g} (rms, rad or m; then {missed:.2g})", name, delay
+    return f"{name} {late}, gain {gain:.3g}, off by {off:.2g} (rms, rad or m; then {missed:.2g})", name, delay
 
 
 def _lag(sent_at: Array, sent: Array, at: Array, moved: Array) -> tuple[float, float, float]:
-    """s by which a joint is late, its gain, and the rms error that delay, gain and an offset leave."""
+    """s by which a joint is late, its gain, and the rms error that delay, gain and an offset leave.
+
+    A joint cannot move before its command, but its clock may say so.
+    """
 
     def fitted(late: float) -> tuple[float, float]:
         command = np.interp(at - late, sent_at, sent)
@@ -98,9 +106,12 @@ def _lag(sent_at: Array, sent: Array, at: Array, moved: Array) -> tuple[float, f
 
     tried = np.arange(0.0, _LATEST + _STEP / 2, _STEP)
     square = np.array([fitted(late)[0] for late in tried.tolist()])
+    if fitted(-_STEP)[0] < square.min():
+        tried = -tried
+        square = np.array([fitted(late)[0] for late in tried.tolist()])
     best = int(np.argmin(square))
     delay = float(tried[best])
     if 0 < best < len(tried) - 1:
         before, here, after = square[best - 1 : best + 2]
-        delay += 0.5 * _STEP * float((before - after) / max(before - 2 * here + after, 1e-300))
+        delay += 0.5 * float(tried[1] - tried[0]) * float((before - after) / max(before - 2 * here + after, 1e-300))
     return delay, fitted(delay)[1], float(np.sqrt(square[best]))

@@ -9,12 +9,9 @@ from poise.mismatch.effects import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
-from poise.robot import RobotModel, without_turns
+from poise.robot import RobotModel, stands_alone, without_turns
 from poise.types import Array, Mask
 
-_FAR, _LEAST = 10.0, 0.01
-"""A joint state stands alone where it is farther from both neighbours than these are from each other and than the
-usual motion over two samples, by this factor, and than so much in rad or m."""
 _MIXED = 0.3
 """Share of the joint states that stand alone from which two publishers cannot be distinguished."""
 _LONGEST_STOP, _ELSEWHERE = 0.3, 0.05
@@ -44,10 +41,14 @@ def without_driver_errors(joints: JointStream, robot: RobotModel) -> tuple[Joint
 def _of_one_publisher(
     joints: JointStream, columns: list[int], turning: Mask
 ) -> tuple[JointStream, list[str], list[InputFinding]]:
-    alone = _stands_alone(joints.position[:, columns], turning)
+    position = joints.position[:, columns]
+    alone = stands_alone(position, turning)
+    if not alone.any():  # many of them hide what is usual; then they are of a publisher if they are equal
+        alone = stands_alone(position, turning, 0.1)
+        alone &= bool(alone.any()) and not np.ptp(position[alone], axis=0).any()
     if not alone.any():
         return joints, [], []
-    odd = joints.position[alone][:, columns]
+    odd = position[alone]
     count, share = int(alone.sum()), float(alone.mean())
     if share > _MIXED:
         raise InputError(
@@ -58,33 +59,13 @@ def _of_one_publisher(
     if count < 3 or np.ptp(odd, axis=0).any():
         return joints.select(~alone), [f"{count} joint states are single outliers and were left out"], []
     # Those near the motion do not stand alone.
-    other = (joints.position[:, columns] == odd[0]).all(axis=1)
+    other = (position == odd[0]).all(axis=1)
     sentence = (
         f"Two publishers write to joint_states: {other.sum()} of {len(joints)} messages jump to "
         f"{' '.join(f'{value:.3g}' for value in odd[0])}, and the next ones jump back. They were left out; stop the "
         "other publisher."
     )
     return joints.select(~other), [], [InputFinding("joints_mixed", sentence, tuple(joints.names[c] for c in columns))]
-
-
-def _stands_alone(position: Array, turning: Mask) -> Mask:
-    """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
-
-    Whole turns of the joints that turn (J,) are no distance: a joint at half a turn may be reported at either end.
-    """
-    found = np.zeros(len(position), dtype=bool)
-    if len(position) < 3:
-        return found
-
-    def distance(apart: int) -> Array:
-        change = position[apart:] - position[:-apart]
-        short = np.where(turning, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)
-        return np.asarray(np.abs(short).max(axis=1))
-
-    step, across = distance(1), distance(2)
-    usual = _FAR * np.maximum(across, float(np.median(across))) + _LEAST
-    found[1:-1] = np.minimum(step[:-1], step[1:]) > usual
-    return found
 
 
 def _turned_back(
@@ -142,7 +123,6 @@ def _stops(seconds: Array, values: Array) -> list[tuple[int, int]]:
         for end in np.ravel(spans):
             elsewhere[max(end - 2 * width, 0) : end + 1] = False
         most = float(bend[elsewhere].max(initial=0.0))
-        abrupt |= {
-            (first, last) for first, last in spans if first > width and bend[first - width] > _ABRUPT * most > 0.0
-        }
+        inner = [span for span in spans if 0 < span[0] - width < len(bend)]
+        abrupt |= {(first, last) for first, last in inner if bend[first - width] > _ABRUPT * most > 0.0}
     return sorted(abrupt)

@@ -43,7 +43,7 @@ def usable_joints(
     if not finite.all():
         notes.append(f"{int((~finite).sum())} joint states are not finite and were left out")
     joints = joints.select(finite)
-    joints = joints.select(np.concatenate([[True], np.diff(joints.stamps) > 0]) if len(joints) else slice(None))
+    joints = without_repeats(joints)
     if len(joints) < 2:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
@@ -60,6 +60,11 @@ def usable_joints(
     if together > 1 and np.isfinite(joints.effort).any():
         said.append(f"{together} joint efforts each were averaged")
     return joints, notes + said, findings
+
+
+def without_repeats(joints: JointStream) -> JointStream:
+    """Each stamp once, with its first message."""
+    return joints.select(np.diff(joints.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
 
 
 def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:

@@ -35,7 +35,7 @@ from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot import RobotModel, chains, robot_of
+from poise.robot import RobotModel, chains, robot_of, usable_odometry
 from poise.types import Array
 
 
@@ -127,6 +127,9 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
         losses += notes
     text = nominal_description(model, streams.description)
     joints, robot, odometry = _robot(streams, model, text)
+    if odometry is not None:
+        odometry, notes = usable_odometry(odometry)
+        losses += notes
     model = with_simulator(model, robot)
     frame = robot.sensor_frame
     joints, notes, wrong = usable_joints(joints, robot, alone=wrench is None)
