@@ -37,11 +37,12 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
-from poise.robot.odometry_input import stands_alone, usable_odometry
+from poise.robot.odometry_input import usable_odometry
 from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
+from poise.robot.sample_checks import each_stamp_once, interpolated, stands_alone
 from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
@@ -91,6 +92,7 @@ __all__ = [
     "chains",
     "differentiate",
     "differentiate_rotations",
+    "each_stamp_once",
     "find_imu",
     "find_kinematics",
     "find_urdf",
@@ -100,6 +102,7 @@ __all__ = [
     "frames_above",
     "has_topic",
     "inertia_of",
+    "interpolated",
     "is_constant",
     "motion_from_derivatives",
     "motion_from_joints",

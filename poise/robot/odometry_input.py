@@ -5,11 +5,9 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.geometry import are_rotations, quaternion_of_rotation
 from poise.recording import PoseStream
-from poise.types import Array, Mask
+from poise.robot.sample_checks import each_stamp_once, interpolated, stands_alone
+from poise.types import Array
 
-_FAR, _LEAST = 10.0, 0.01
-"""A sample stands alone where it is farther from both neighbours than these are from each other and than the usual
-motion over two samples, by this factor, and than so much in rad or m."""
 _LEVEL, _TILTS = np.radians(10.0), np.radians(10.0)
 """rad that a base on wheels is tilted at most, and by which the tilt of one with a wrong quaternion changes."""
 
@@ -26,12 +24,15 @@ def usable_odometry(odometry: PoseStream) -> tuple[PoseStream, list[str]]:
         valid &= np.isfinite(odometry.twist_in_child).all(axis=1)
     if not valid.all():
         notes.append(f"{int((~valid).sum())} odometry messages have no valid pose or twist and were left out")
-    odometry = odometry.select(valid)
-    odometry = odometry.select(np.diff(odometry.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
+    odometry = each_stamp_once(odometry.select(valid))
     alone = stands_alone(odometry.translation_parent_child, np.zeros(3, dtype=bool))
     if alone.any():
         notes.append(f"{int(alone.sum())} poses of the odometry are single outliers and were left out")
     odometry = odometry.select(~alone)
+    between = interpolated(odometry, odometry.translation_parent_child, 2)
+    if between.any():
+        notes.append(f"{int(between.sum())} poses of the odometry lie on lines between others and were left out")
+    odometry = odometry.select(~between)
     if len(odometry) < 2:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES, f"{len(odometry)} of {given} poses of the odometry can be used: record more"
@@ -55,25 +56,3 @@ def _check_quaternions(odometry: PoseStream) -> None:
 def _tilt(x: Array, y: Array) -> Array:
     """(N,) rad between the vertical and the z axis of quaternions with these components (N,)."""
     return np.asarray(np.arccos(np.clip(1.0 - 2.0 * (x**2 + y**2), -1.0, 1.0)))
-
-
-def stands_alone(position: Array, turning: Mask, usual: float = 0.5) -> Mask:
-    """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
-
-    Args:
-        position: (N, J) rad or m.
-        turning: (J,) coordinates whose whole turns are no distance: at half a turn, either end may be reported.
-        usual: quantile of the motion over two samples that is usual.
-    """
-    found = np.zeros(len(position), dtype=bool)
-    if len(position) < 3:
-        return found
-
-    def distance(apart: int) -> Array:
-        change = position[apart:] - position[:-apart]
-        short = np.where(turning, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)
-        return np.asarray(np.abs(short).max(axis=1))
-
-    step, across = distance(1), distance(2)
-    found[1:-1] = np.minimum(step[:-1], step[1:]) > _FAR * np.maximum(across, np.quantile(across, usual)) + _LEAST
-    return found

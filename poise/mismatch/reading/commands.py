@@ -7,10 +7,10 @@ import numpy as np
 
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.joint_motion import seconds_since
-from poise.mismatch.reading.joint_samples import averaged_joints, without_repeats
+from poise.mismatch.reading.joint_samples import averaged_joints
 from poise.mismatch.recorded import CommandTrack
 from poise.recording import JointStream, Recording, joint_commands
-from poise.robot import stands_alone
+from poise.robot import each_stamp_once, stands_alone
 from poise.types import Array
 
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -45,7 +45,7 @@ def command_track(commands: JointStream, names: Sequence[str], start: int, end: 
     there = [name for name in names if name in commands.names]
     if not there or not len(commands):
         return None
-    commands = averaged_joints(without_repeats(commands))[0]
+    commands = averaged_joints(each_stamp_once(commands))[0]
     columns = [commands.names.index(name) for name in there]
     commands = commands.select(np.isfinite(commands.position[:, columns]).all(axis=1))
     rows = ~stands_alone(commands.position[:, columns], np.zeros(len(columns), dtype=bool))

@@ -13,7 +13,7 @@ from poise.mismatch.reading.wrench_samples import (
     mean_stamps,
 )
 from poise.recording import JointStream
-from poise.robot import RobotModel
+from poise.robot import RobotModel, each_stamp_once, interpolated
 from poise.types import Array, Mask
 
 _BURST = 0.05
@@ -43,7 +43,7 @@ def usable_joints(
     if not finite.all():
         notes.append(f"{int((~finite).sum())} joint states are not finite and were left out")
     joints = joints.select(finite)
-    joints = without_repeats(joints)
+    joints = each_stamp_once(joints)
     if len(joints) < 2:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
@@ -52,6 +52,11 @@ def usable_joints(
         )
     joints, said, findings = without_driver_errors(joints, robot)
     notes += said
+    values = np.hstack([joints.position, joints.velocity, joints.effort])
+    between = interpolated(joints, values[:, np.isfinite(values).all(axis=0)])
+    if between.any():
+        notes.append(f"{int(between.sum())} joint states lie on lines between others and were left out")
+        joints = joints.select(~between)
     if alone:
         joints, said = begun(joints)
         notes += said
@@ -60,11 +65,6 @@ def usable_joints(
     if together > 1 and np.isfinite(joints.effort).any():
         said.append(f"{together} joint efforts each were averaged")
     return joints, notes + said, findings
-
-
-def without_repeats(joints: JointStream) -> JointStream:
-    """Each stamp once, with its first message."""
-    return joints.select(np.diff(joints.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
 
 
 def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import Stream, WrenchStream
+from poise.robot import each_stamp_once, interpolated
 from poise.types import Array, Stamps
 
 Measured = TypeVar("Measured", bound=Stream)
@@ -25,10 +26,12 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
     if not finite.all():
         notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
-    fresh = np.concatenate([[True], np.diff(wrench.stamps) > 0])
-    wrench = wrench.select(finite & fresh)
-    wrench, said = _measured_anew(wrench)
+    wrench, said = _measured_anew(each_stamp_once(wrench.select(finite)))
     notes += said
+    between = interpolated(wrench, wrench.wrench_in_sensor)
+    if between.any():
+        notes.append(f"{int(between.sum())} wrench samples lie on lines between others and were left out")
+        wrench = wrench.select(~between)
     if len(wrench) < 100:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,

@@ -1,0 +1,75 @@
+"""Samples of a stream that are no measurements of their own: repeated stamps, single jumps, interpolation."""
+
+from typing import TypeVar
+
+import numpy as np
+
+from poise.recording import Stream
+from poise.types import Array, Mask
+
+Sampled = TypeVar("Sampled", bound=Stream)
+
+_FAR, _LEAST = 10.0, 0.01
+"""A sample stands alone where it is farther from both neighbours than these are from each other and than the usual
+motion over two samples, by this factor, and than so much in rad or m."""
+_DIGITS, _STAMP = 1e-6, 1e-6
+"""Rounding of values, as a share of the largest, and of stamps in s, in a text table."""
+_BETWEEN, _UNCLEAR, _CORNERS, _CLEAR = 0.2, 0.05, 0.05, 10.0
+"""Least share of interpolated samples; largest share of those off the line by more than the rounding, but by less than
+so many times of it, since smooth motions have all sizes; least share of the corners beyond."""
+
+
+def each_stamp_once(stream: Sampled) -> Sampled:
+    """The first sample of each stamp."""
+    return stream.select(np.diff(stream.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
+
+
+def stands_alone(position: Array, turning: Mask, usual: float = 0.5) -> Mask:
+    """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
+
+    Args:
+        position: (N, J) rad or m.
+        turning: (J,) coordinates whose whole turns are no distance: at half a turn, either end may be reported.
+        usual: quantile of the motion over two samples that is usual.
+    """
+    found = np.zeros(len(position), dtype=bool)
+    if len(position) < 3:
+        return found
+
+    def distance(apart: int) -> Array:
+        change = position[apart:] - position[:-apart]
+        short = np.where(turning, np.remainder(change + np.pi, 2.0 * np.pi) - np.pi, change)
+        return np.asarray(np.abs(short).max(axis=1))
+
+    step, across = distance(1), distance(2)
+    found[1:-1] = np.minimum(step[:-1], step[1:]) > _FAR * np.maximum(across, np.quantile(across, usual)) + _LEAST
+    return found
+
+
+def interpolated(stream: Stream, values: Array, fewest: int = 3) -> Mask:
+    """(N,) samples on the straight line between their neighbours, of a stream in which this is no accident.
+
+    Programs that merge topics of several rates into one table fill them so. Such samples repeat others, and their
+    noise is not independent.
+
+    Args:
+        stream: N samples.
+        values: (N, C) of them.
+        fewest: channels that must change at once: a single coarse reading often lies on a line.
+    """
+    none = np.zeros(len(stream), dtype=bool)
+    if len(stream) < 3 or values.shape[1] < fewest:
+        return none
+    seconds = stream.seconds
+    span, change = (seconds[2:] - seconds[:-2])[:, None], values[2:] - values[:-2]
+    line = values[:-2] + (seconds[1:-1] - seconds[:-2])[:, None] / span * change
+    rounding = _DIGITS * np.abs(values).max(axis=0) + _STAMP * np.abs(change / span)
+    off = (np.abs(values[1:-1] - line) / np.maximum(rounding, 1e-15)).max(axis=1)
+    moving = np.count_nonzero(change, axis=1) >= fewest
+    if not moving.any():
+        return none
+    on, clear = off[moving] <= 1.0, off[moving] > _CLEAR
+    if on.mean() < _BETWEEN or clear.mean() < _CORNERS or (~on & ~clear).mean() > _UNCLEAR:
+        return none
+    none[1:-1] = moving & (off <= 1.0)
+    return none
