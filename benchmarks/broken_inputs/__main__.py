@@ -1,6 +1,7 @@
-"""Recordings of wrong drivers: units, signs, axes, clocks, frozen readings, joints of another order.
+"""Recordings of wrong drivers (units, signs, axes, clocks, frozen readings), and tables with wrong mappings.
 
-python -m benchmarks.broken_inputs [wrench|efforts|joints ...] [--seed-set healthy_dev] [--rigs N]; --quick: one rig
+python -m benchmarks.broken_inputs [wrench|efforts|joints|tables ...] [--seed-set healthy_dev] [--rigs N]
+--quick: one rig
 
 Healthy recordings of `benchmarks.foreign` are each broken in every way. What the tool says is right when its message, a
 note or an effect says what was done, and no other effect is named.
@@ -13,7 +14,6 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -21,11 +21,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.broken_inputs import efforts, joints, wrenches
-from benchmarks.broken_inputs.way import Way
+from benchmarks.broken_inputs import efforts, joints, tables, wrenches
+from benchmarks.broken_inputs.way import Way, Written
 from benchmarks.foreign.case import Case, make_case
 from benchmarks.foreign.plan import SEEDS, plans
-from benchmarks.foreign.run import answer
+from benchmarks.foreign.run import RECORDING, answer
 from poise.files import write_whole
 
 OUTCOMES = ("right", "unknown", "silent", "false name", "error")
@@ -35,6 +35,7 @@ GROUPS: dict[str, tuple[dict[str, Way], Callable[[Case], bool]]] = {
     "wrench": (wrenches.WAYS, lambda case: case.streams.wrench is not None and len(case.streams.names) >= 6),
     "efforts": (efforts.WAYS, lambda case: case.streams.joints.effort.size > 0 and len(case.streams.names) > 1),
     "joints": (joints.WAYS, lambda case: len(case.streams.names) > 1),
+    "tables": (tables.WAYS, lambda case: len(case.streams.names) > 1),
 }
 """What is broken, in which ways, and of which recordings."""
 console = Console(width=120)
@@ -46,12 +47,12 @@ def rigs(seed_set: str, count: int, fit: Callable[[Case], bool]) -> Iterator[Cas
     return islice((case for case in made if fit(case)), count)
 
 
-def outcome(case: Case, way: Way) -> tuple[str, str]:
+def outcome(broken: Written, way: Way) -> tuple[str, str]:
     """What the tool says of a recording that is broken, and its names or words."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "case"
-        replace(case, streams=way.change(case)).write(folder)
-        said = answer(folder, LIMIT)
+        broken.write(folder)
+        said = answer(folder, LIMIT, RECORDING if (folder / RECORDING).exists() else tables.RECORDING)
     content = said["answer"]
     if content is None:
         right = bool(way.words) and re.search(way.words, said["message"], re.DOTALL) is not None
@@ -81,7 +82,7 @@ def main() -> int:
         ways, fit = GROUPS[group]
         cases = list(rigs(options.seed_set, 1 if options.quick else options.rigs, fit))
         found[group] = {
-            name: [outcome(case, way) for case in cases]
+            name: [outcome(broken, way) for case in cases if (broken := way.broken(case)) is not None]
             for name, way in track(ways.items(), description=f"broken {group}", console=console)
         }
         total += _show(group, found[group])

@@ -1,7 +1,9 @@
 """A way in which a driver may be wrong, and what may be said of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -12,21 +14,33 @@ from benchmarks.foreign.robots import Array
 Change = Callable[[Case], Streams]
 
 
+class Written(Protocol):
+    """A recording with its model that can be written."""
+
+    def write(self, folder: Path) -> None:
+        """Write both into a new folder."""
+
+
 @dataclass(frozen=True)
 class Way:
     """How a healthy recording is broken.
 
     Args:
-        change: what the driver would have recorded.
+        change: what would have been recorded, or written; None where the way does not apply.
         words: pattern of a message, note or finding that says so; empty: none does.
         effect: name of the effect that it is; empty: none.
         harmless: an answer without an effect and without a word is right, too.
     """
 
-    change: Change
+    change: Callable[[Case], Streams | Written | None]
     words: str = ""
     effect: str = ""
     harmless: bool = False
+
+    def broken(self, case: Case) -> Written | None:
+        """The broken recording with its model; None where the way does not apply."""
+        changed = self.change(case)
+        return replace(case, streams=changed) if isinstance(changed, Streams) else changed
 
 
 def frozen(values: Array) -> Array:

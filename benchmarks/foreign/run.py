@@ -14,20 +14,20 @@ from typing import Any
 from rich.progress import track
 
 ANSWERS = "answers"
-INPUTS = ("recording.mcap", "model.yaml")
-COMMAND = ("mismatch", "recording.mcap", "--model", "model.yaml", "--json", "answer.json")
+RECORDING = "recording.mcap"
+COMMAND = ("--model", "model.yaml", "--json", "answer.json")
 ENVIRONMENT = ("PATH", "HOME", "LANG", "LD_LIBRARY_PATH", "VIRTUAL_ENV", "PYTHONPATH")
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-def answer(case: Path, limit: int) -> dict[str, Any]:
+def answer(case: Path, limit: int, recording: str = RECORDING) -> dict[str, Any]:
     """What the tool says of a case: {status, cpu, message, answer}; status below 0 when it is stopped."""
     with tempfile.TemporaryDirectory() as scratch:
-        for name in INPUTS:
-            shutil.copy(case / name, scratch)
+        for file in case.iterdir():
+            shutil.copy(file, scratch)
         environment = {key: os.environ[key] for key in ENVIRONMENT if key in os.environ} | THREADS
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = [sys.executable, "-m", "poise.cli", *COMMAND]
+        command = [sys.executable, "-m", "poise.cli", "mismatch", recording, *COMMAND]
         done = subprocess.run(
             command,
             cwd=scratch,

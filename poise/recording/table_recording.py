@@ -145,9 +145,12 @@ def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[Me
         listed = ", ".join(f"{quantity} {number}" for quantity, number in rows.items())
         sentence = f"{mapping.path}: the tables of topics.{topic.name} differ in their numbers of rows: {listed}"
         raise InputError(ErrorCode.SHAPE_MISMATCH, sentence)
-    # In a table that merges topics, the rows of the others have empty cells here.
-    there = np.isfinite(np.hstack([array[:count] for array in values.values()])).any(axis=1)
-    kept = np.flatnonzero(there) if there.any() else np.arange(count)
+    kept = np.arange(count)
+    if any(
+        columns.file in files for other in mapping.topics if other is not topic for columns in other.columns.values()
+    ):
+        # In a table of several topics, the rows of the others have empty cells here.
+        kept = np.flatnonzero(np.isfinite(np.hstack([array[:count] for array in values.values()])).any(axis=1))
     stream = _stream(mapping, topic, {quantity: array[kept] for quantity, array in values.items()}, len(kept))
     return stream, _stamps(mapping, topic, tables[files[0]], count)[kept]
 

@@ -1,19 +1,22 @@
 """A slice of `benchmarks.broken_inputs`: what is said of broken recordings when they are read."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks.broken_inputs import tables
 from benchmarks.broken_inputs.__main__ import GROUPS
+from benchmarks.broken_inputs.way import Written
 from benchmarks.foreign.case import Case, make_case
 from benchmarks.foreign.plan import plans
+from benchmarks.foreign.run import RECORDING
 from poise.errors import PoiseError
 from poise.mismatch.reading import load_model, read_recording
 from poise.recording import open_recording
 
-RIGS = {"wrench": "xarm7_driver", "efforts": "fr3_efforts", "joints": "fr3_efforts"}
+RIGS = {"wrench": "xarm7_driver", "efforts": "fr3_efforts", "joints": "fr3_efforts", "tables": "ur10_rolling_fine"}
 SAID = [
     (group, name) for group, (ways, _) in GROUPS.items() for name, way in ways.items() if way.words and not way.effect
 ]
@@ -27,12 +30,11 @@ def rigs() -> dict[str, Case]:
     return {name: make_case(found[name], seconds=12.0) for name in set(RIGS.values())}
 
 
-def said_of(case: Case, folder: Path) -> str:
+def said_of(case: Written, folder: Path) -> str:
     case.write(folder)
+    recording = next(folder / name for name in (RECORDING, tables.RECORDING) if (folder / name).exists())
     try:
-        return " ".join(
-            read_recording(open_recording(folder / "recording.mcap"), load_model(folder / "model.yaml")).notes
-        )
+        return " ".join(read_recording(open_recording(recording), load_model(folder / "model.yaml")).notes)
     except PoiseError as error:
         return error.message
 
@@ -48,5 +50,25 @@ def test_an_error_of_a_driver_is_said(group: str, name: str, rigs: dict[str, Cas
     ways, fit = GROUPS[group]
     case = rigs[RIGS[group]]
     assert fit(case)
-    said = said_of(replace(case, streams=ways[name].change(case)), tmp_path / "case")
+    broken = ways[name].broken(case)
+    if broken is None:  # efforts of a rig that has none
+        broken = ways[name].broken(rigs[RIGS["efforts"]])
+    assert broken is not None
+    said = said_of(broken, tmp_path / "case")
     assert re.search(ways[name].words, said, re.DOTALL), said
+
+
+@pytest.mark.parametrize("name", [name for name, way in tables.WAYS.items() if way.harmless and not way.effect])
+def test_a_table_is_read_as_programs_write_it(name: str, rigs: dict[str, Case], tmp_path: Path) -> None:
+    case = rigs[RIGS["tables"]]
+    broken, whole = tables.WAYS[name].broken(case), tables.WAYS["as it is"].broken(case)
+    assert broken is not None
+    assert whole is not None
+    broken.write(tmp_path / "broken")
+    whole.write(tmp_path / "whole")
+    found, known = (open_recording(tmp_path / folder / tables.RECORDING).wrench() for folder in ("broken", "whole"))
+    wanted = known.stamps + found.stamps[0] - known.stamps[0]
+    rows = np.searchsorted(found.stamps, wanted - 1000)
+    assert np.abs(found.stamps[rows] - wanted).max() <= 1000  # ns: rounded times of day
+    close = 1e-3 if name == "three decimals" else 1e-12
+    np.testing.assert_allclose(found.wrench_in_sensor[rows], known.wrench_in_sensor, atol=close)
