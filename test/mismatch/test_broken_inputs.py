@@ -67,8 +67,8 @@ def test_a_table_is_read_as_programs_write_it(name: str, rigs: dict[str, Case], 
     broken.write(tmp_path / "broken")
     whole.write(tmp_path / "whole")
     found, known = (open_recording(tmp_path / folder / tables.RECORDING).wrench() for folder in ("broken", "whole"))
-    wanted = known.stamps + (1_700_000_000 * 10**9 if name == "times of day" else 0)
-    rows = np.searchsorted(found.stamps, wanted - 1000)
-    assert np.abs(found.stamps[rows] - wanted).max() <= 1000  # ns: rounded times of day
+    since, rounding = (1_700_000_000 * 10**9, 1000) if name == "times of day" else (0, 0)  # ns
+    rows = np.searchsorted(found.stamps, known.stamps + since - rounding)
+    assert np.abs(found.stamps[rows] - known.stamps - since).max() <= rounding
     close = 1e-3 if name == "three decimals" else 1e-12
     np.testing.assert_allclose(found.wrench_in_sensor[rows], known.wrench_in_sensor, atol=close)
