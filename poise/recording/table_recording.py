@@ -146,11 +146,12 @@ def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[Me
         sentence = f"{mapping.path}: the tables of topics.{topic.name} differ in their numbers of rows: {listed}"
         raise InputError(ErrorCode.SHAPE_MISMATCH, sentence)
     kept = np.arange(count)
-    if any(
-        columns.file in files for other in mapping.topics if other is not topic for columns in other.columns.values()
-    ):
+    others = [columns.file for other in mapping.topics if other is not topic for columns in other.columns.values()]
+    if set(files) & set(others):
         # In a table of several topics, the rows of the others have empty cells here.
         kept = np.flatnonzero(np.isfinite(np.hstack([array[:count] for array in values.values()])).any(axis=1))
+    if not len(kept):
+        raise InputError(ErrorCode.EMPTY, f"{mapping.path}: topics.{topic.name} has no values: correct its columns")
     stream = _stream(mapping, topic, {quantity: array[kept] for quantity, array in values.items()}, len(kept))
     return stream, _stamps(mapping, topic, tables[files[0]], count)[kept]
 

@@ -69,7 +69,7 @@ def read_text(path: Path, names: Sequence[str], clock: Clock | None, options: Te
         raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a text table: {reason_of(error)}") from error
 
 
-Row = tuple[int, list[str]]
+_Row = tuple[int, list[str]]
 """The number of a line, and its cells."""
 
 
@@ -148,7 +148,7 @@ class _TextTable:
             raise no_column(self.path, name, self.header, hint if numbers else "")
         return places[0]
 
-    def _units(self, wanted: dict[str, int], rows: Iterator[Row]) -> tuple[dict[str, str], Iterator[Row]]:
+    def _units(self, wanted: dict[str, int], rows: Iterator[_Row]) -> tuple[dict[str, str], Iterator[_Row]]:
         """The units by column, of the header or of a row below it; and the rows after that."""
         stated = {name: _UNIT.search(self.header[place]) for name, place in wanted.items()}
         units = {name: match[1].strip() for name, match in stated.items() if match}
@@ -163,7 +163,7 @@ class _TextTable:
 
     # -- rows --
 
-    def _rows(self) -> Iterator[Row]:
+    def _rows(self) -> Iterator[_Row]:
         """Rows with their line numbers; a last row that the end of the file cuts is a loss."""
         rows = self._cells()
         for line, row in rows:
@@ -181,7 +181,7 @@ class _TextTable:
             sentence = f"{self.path}: line {line} has {len(row)} cells for {len(self.header)} columns: correct the line"
             raise InputError(ErrorCode.FILE_CORRUPT, sentence)
 
-    def _cells(self) -> Iterator[Row]:
+    def _cells(self) -> Iterator[_Row]:
         """The lines that are neither empty nor comments."""
         reader = csv.reader(self.file, delimiter=self.delimiter)
         spaced = ((number, line.split()) for number, line in enumerate(self.file, 1))

@@ -14,7 +14,7 @@ from benchmarks.foreign.plan import plans
 from benchmarks.foreign.run import RECORDING
 from poise.errors import PoiseError
 from poise.mismatch.reading import load_model, read_recording
-from poise.recording import open_recording
+from poise.recording import WrenchStream, open_recording
 
 RIGS = {"wrench": "xarm7_driver", "efforts": "fr3_efforts", "joints": "fr3_efforts", "tables": "ur10_rolling_fine"}
 SAID = [
@@ -58,15 +58,22 @@ def test_an_error_of_a_driver_is_said(group: str, name: str, rigs: dict[str, Cas
     assert re.search(ways[name].words, said, re.DOTALL), said
 
 
+@pytest.fixture(scope="module")
+def known(rigs: dict[str, Case], tmp_path_factory: pytest.TempPathFactory) -> WrenchStream:
+    """The wrench of the tables as they are."""
+    folder = tmp_path_factory.mktemp("tables") / "whole"
+    tables.tables_of(rigs[RIGS["tables"]]).write(folder)
+    return open_recording(folder / tables.RECORDING).wrench()
+
+
 @pytest.mark.parametrize("name", [name for name, way in tables.WAYS.items() if way.harmless and not way.effect])
-def test_a_table_is_read_as_programs_write_it(name: str, rigs: dict[str, Case], tmp_path: Path) -> None:
-    case = rigs[RIGS["tables"]]
-    broken, whole = tables.WAYS[name].broken(case), tables.WAYS["as it is"].broken(case)
+def test_a_table_is_read_as_programs_write_it(
+    name: str, rigs: dict[str, Case], known: WrenchStream, tmp_path: Path
+) -> None:
+    broken = tables.WAYS[name].broken(rigs[RIGS["tables"]])
     assert broken is not None
-    assert whole is not None
-    broken.write(tmp_path / "broken")
-    whole.write(tmp_path / "whole")
-    found, known = (open_recording(tmp_path / folder / tables.RECORDING).wrench() for folder in ("broken", "whole"))
+    broken.write(tmp_path / "case")
+    found = open_recording(tmp_path / "case" / tables.RECORDING).wrench()
     since, rounding = (1_700_000_000 * 10**9, 1000) if name == "times of day" else (0, 0)  # ns
     rows = np.searchsorted(found.stamps, known.stamps + since - rounding)
     assert np.abs(found.stamps[rows] - known.stamps - since).max() <= rounding

@@ -1,12 +1,12 @@
 """Tables with a mapping give the streams of the bag with the same content; what is wrong with them is one sentence."""
 
-import csv
 import zipfile
 
 import numpy as np
 import pytest
 import scipy.io
 import yaml
+from mapped_tables import write_csv, write_mapping
 from test_bag_bad_input import refused
 
 from poise.errors import ErrorCode
@@ -70,13 +70,6 @@ def pose_columns(poses):
     return named("p", poses.translation_parent_child) | {name: turned[:, at] for at, name in enumerate(cells)}
 
 
-def write_csv(path, columns, delimiter=","):
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, delimiter=delimiter, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
-
-
 def with_ending(content, ending):
     """The mapping with this ending at every file."""
     topics = {}
@@ -125,13 +118,6 @@ def test_a_topic_can_hold_more_rows_than_a_block(tmp_path):
     joints = open_recording(tmp_path / "run.csv").joint_states()
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(rows) * 0.5)
     np.testing.assert_array_equal(joints.stamps, np.arange(rows) * 1_000_000)
-
-
-def write_mapping(folder, *, name="columns.yaml", time=None, shared=None, **joint_states):
-    topic = {"file": "run.csv", "joints": ["a"], "position": {"column": "q"}, **joint_states}
-    content = {"time": time or {"column": "t"}, "topics": {"joint_states": topic}, **(shared or {})}
-    (folder / name).write_text(yaml.safe_dump(content))
-    return folder / name
 
 
 @pytest.mark.parametrize(
@@ -231,6 +217,13 @@ def test_a_last_line_that_is_cut_is_skipped_and_listed(tmp_path):
         ('t,q\n0,"[1]"\n1,"[1, 2]"\n', ErrorCode.FILE_CORRUPT, ("column q",)),
         ("t,q\n0,1\0\n", ErrorCode.FILE_CORRUPT, ("run.csv",)),
         (b"t,q\n0,\xff\xfe\n", ErrorCode.FILE_CORRUPT, ("not a text table",)),
+        (b"\xff\xfet,q", ErrorCode.FILE_CORRUPT, ("not a text table",)),
+        ("# nothing\n", ErrorCode.EMPTY, ("has no rows",)),
+        ("0,1\n1,2\n", ErrorCode.BAD_INPUT, ("no column 'q'", "header: false")),
+        ("t,q,q\n0,1,2\n", ErrorCode.BAD_INPUT, ("has 2 columns 'q'", "rename")),
+        ("t,q\ns,deg\n0,1\n", ErrorCode.BAD_INPUT, ("joint_states.position", "states the unit deg, the mapping rad")),
+        ("t,q\nms,rad\n0,1\n", ErrorCode.BAD_INPUT, ("joint_states.time", "states the unit ms, the mapping s")),
+        ("t,q\n0,1\n1,'0,5\n", ErrorCode.FILE_CORRUPT, ("line 3",)),
     ],
 )
 def test_a_wrong_table_is_refused(tmp_path, text, code, words):
