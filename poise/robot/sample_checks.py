@@ -18,6 +18,9 @@ _BETWEEN, _UNCLEAR, _CORNERS, _CLEAR = 0.2, 0.05, 0.05, 10.0
 """Least share of interpolated samples; largest share of those off the line by more than the rounding, but by less than
 so many times of it, since smooth motions have all sizes; least share of the corners beyond."""
 
+_LOOK = 20_000
+"""Samples of the beginning, which show whether a stream is interpolated."""
+
 
 def each_stamp_once(stream: Sampled) -> Sampled:
     """The first sample of each stamp."""
@@ -59,6 +62,9 @@ def interpolated(stream: Stream, values: Array, fewest: int = 3) -> Mask:
     """
     none = np.zeros(len(stream), dtype=bool)
     if len(stream) < 3 or values.shape[1] < fewest:
+        return none
+    begin = slice(0, _LOOK)
+    if len(stream) > _LOOK and not interpolated(stream.select(begin), values[begin], fewest).any():
         return none
     seconds = stream.seconds
     span, change = (seconds[2:] - seconds[:-2])[:, None], values[2:] - values[:-2]
