@@ -175,6 +175,8 @@ def measured(kind: str, count: int, effort: Effort, seed: int) -> Row:
             lambda: acceleration_limits(analysis, effort.directions, effort.deadline, turning=False)
         )
         row["limits_whole"] = getattr(found, "complete", False)
+        row["limits_doubtful"] = int(np.sum(getattr(found, "doubtful", [])))
+        row["limits_mean"] = float(np.mean(getattr(found, "limits", [np.nan])))
     if "map" in effort.jobs:
         row["map"], found = spent(lambda: robustness_map(analysis, effort.points, deadline=effort.deadline))
         row["map_whole"] = getattr(found, "complete", False)

@@ -31,6 +31,7 @@ RANGES = {
     "inertia": Range(-1e9, 1e9, "kg m2"),
     "covariance": Range(-1e12, 1e12, "kg, kg m, kg m2 squared"),
     "pose_covariance": Range(-1e2, 1e2, "m2, m rad, rad2"),
+    "mass_std": Range(0.0, 1.0, "of the mass"),
     "position of pose_std": Range(0.0, 1.0, "m"),
     "rotation_deg of pose_std": Range(0.0, 45.0, "degrees"),
     "gravity": Range(0.1, 100.0, "m/s2"),

@@ -3,12 +3,14 @@
 import json
 
 import assembly_scenes as scenes
+import numpy as np
 import pytest
 import typer
 import yaml
 from typer.testing import CliRunner
 
-from poise.assembly import write_scene
+from poise.assembly import load_scene, write_scene
+from poise.assembly.scene.scene_files import read_scene, scene_content
 from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.sensitivity import sensitivity
 from poise.errors import ErrorCode, InputError, NoAnswerError
@@ -226,6 +228,31 @@ def test_uncertain_poses_are_settled_and_answers_have_intervals(run, tmp_path):
     assert "intervals leave out errors of masses and friction" in " ".join(found.stderr.split())
     limits = run("msa", seen, "--directions", "4", "--pose-std", "0.2cm,0.01rad")
     assert limits.exit_code == 0
+
+
+def test_a_scene_states_how_well_masses_and_friction_are_known(run, tmp_path):
+    content = {**scene_content(scenes.cube()), "mass_std": 0.1, "friction_deviation": 0.05}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    read = load_scene(tmp_path / "scene.yaml")
+    cube = next(item for item in read.objects if not item.fixed)
+    assert np.sqrt(cube.covariance[0, 0]) == pytest.approx(0.1 * cube.mass)
+    assert scene_content(read)["friction_deviation"] == 0.05
+    queries = write_queries(
+        tmp_path, [{"object": cube.id, "point": (cube.com_in_world - [0.5, 0, 0]).tolist(), "direction": [1, 0, 0]}]
+    )
+    arguments = "--queries", queries, "--pose-std", "1mm,0.1deg", "--samples", "9", "--json", "a.json"
+    found = run("robustness", read, *arguments)
+    answer = strictly((tmp_path / "a.json").read_text())
+    assert answer["settled"]["taken_as_exact"] == []
+    assert "leave out" not in found.stderr
+    low, high = answer["queries"][0]["interval"]
+    assert low < 0.97 * answer["queries"][0]["robustness"] < high / 1.03
+
+
+@pytest.mark.parametrize("entry", [{"mass_std": -0.1}, {"mass_std": 1.5}, {"friction_deviation": -0.1}])
+def test_a_deviation_that_is_none_is_refused(entry):
+    with pytest.raises(InputError, match=r"mass_std|friction_deviation"):
+        read_scene({**scene_content(scenes.cube()), **entry})
 
 
 @pytest.mark.parametrize("words", ["2mm", "2,0.5", "2mm,0.5", "x mm,1deg", "-1mm,0deg", "2mm,90deg"])

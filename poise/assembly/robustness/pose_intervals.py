@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.assembly.robustness.assess import Assessment, assess
-from poise.assembly.robustness.uncertainty import drawn_moments
+from poise.assembly.robustness.uncertainty import drawn_moments, friction_varies, with_friction_drawn
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.settling import Settled
 from poise.assembly.statics import Analysis, Deadline, Push
@@ -17,7 +17,10 @@ from poise.types import Array
 SAMPLES = 59
 """Drawn if nothing else is asked: the least and the greatest of them hold the truth in 58 of 60 cases."""
 _LEAST_MASS = 1e-6
-_STATED = {"masses": "no object states a covariance", "friction": "no friction pair states a deviation"}
+_STATED = {
+    "masses": "state mass_std for the scene, or a covariance of an object",
+    "friction": "state friction_deviation for the scene, or a deviation of a friction pair",
+}
 _ACCURACY = 1e-3
 """By which share intervals are widened: equal scenes at other poses differ by the tolerance of the solvers."""
 
@@ -71,8 +74,8 @@ def assess_settled(
     """Robustness at the settled poses, and at other poses, masses and friction that agree with what is known.
 
     The samples are drawn from the poses' uncertainty given the contacts (`Settled.samples`), the covariances of masses
-    and centres of mass, and the deviations of friction pairs. The same seed gives the same answer, unless the deadline
-    ends it. Points of pushes move with their objects.
+    and centres of mass, and the deviations of friction, one draw for each pair of objects. The same seed gives the same
+    answer, unless the deadline ends it. Points of pushes move with their objects.
 
     Args:
         scene: as `settle` returns it.
@@ -97,7 +100,7 @@ def assess_settled(
     draws = scene.samples(rng)
     drawn = fallen = refused = 0
     while drawn + fallen + refused < samples and not clock.passed:
-        found = _assessed(scene, _varied(next(draws), rng), pushes, model, clock, tolerance)
+        found = _assessed(scene, _weighed_all(next(draws), rng), pushes, model, clock, tolerance, rng)
         if found is None:
             refused += 1
         elif not found.stable:
@@ -128,10 +131,13 @@ def _assessed(
     model: str | None,
     clock: Deadline,
     tolerance: float,
+    rng: np.random.Generator,
 ) -> Assessment | None:
-    """Answers about a sample; None where it overlaps too much, no solver answered, or time ran out."""
+    """Answers about a sample, with friction drawn; None where it overlaps, no solver answered, or time ran out."""
     try:
         analysis, moved = Analysis.of(sample, deadline=clock), carried(pushes, scene.seen, sample)
+        if friction_varies(sample):
+            analysis = Analysis(with_friction_drawn(analysis.structure, rng))
         found = assess(analysis, moved, model, clock.remaining, tolerance)
     except PoiseError:
         return None
@@ -154,19 +160,12 @@ def carried(pushes: Sequence[Push | Sequence[Push]], before: Assembly, now: Asse
 def _exact(assembly: Assembly) -> tuple[str, ...]:
     """Of masses and friction, those whose uncertainty is not stated."""
     masses = () if any(item.covariance is not None for item in assembly.objects) else ("masses",)
-    return masses if any(pair.deviation for pair in assembly.friction_pairs) else (*masses, "friction")
+    return masses if friction_varies(assembly) else (*masses, "friction")
 
 
-def _varied(assembly: Assembly, rng: np.random.Generator) -> Assembly:
-    """The assembly with masses, centres of mass and friction drawn."""
-    objects = tuple(_weighed(item, rng) for item in assembly.objects)
-    pairs = tuple(
-        replace(pair, coefficient=max(0.0, float(rng.normal(pair.coefficient, pair.deviation))))
-        if pair.deviation
-        else pair
-        for pair in assembly.friction_pairs
-    )
-    return replace(assembly, objects=objects, friction_pairs=pairs)
+def _weighed_all(assembly: Assembly, rng: np.random.Generator) -> Assembly:
+    """The assembly with masses and centres of mass drawn."""
+    return replace(assembly, objects=tuple(_weighed(item, rng) for item in assembly.objects))
 
 
 def _weighed(item: RigidObject, rng: np.random.Generator) -> RigidObject:

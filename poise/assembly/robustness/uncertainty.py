@@ -64,7 +64,7 @@ def motion_probability(
         force: N.
         rng: of the samples.
         samples: how many.
-        friction_deviation: of the coefficients of pairs without a deviation.
+        friction_deviation: of the coefficients of pairs without a deviation; 0: that of the assembly.
         pose_deviation: of each coordinate of each movable object's position across gravity, m.
         deadline: s; what was drawn by then counts.
 
@@ -74,17 +74,16 @@ def motion_probability(
     """
     _check(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
     clock = Deadline.after(deadline)
-    nominal = Structure.of(assembly)
-    frictions_vary = friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
+    nominal = Structure.of(replace(assembly, friction_deviation=friction_deviation or assembly.friction_deviation))
     # Draws of friction and poses are new problems; masses within one are not.
     masses = _MASSES_PER_DRAW if any(item.covariance is not None for item in assembly.objects) else 1
-    each = masses if frictions_vary or pose_deviation > 0 else samples
+    each = masses if friction_varies(nominal.assembly) or pose_deviation > 0 else samples
     counts: Counter[str] = Counter()
     moved = drawn = solves = 0
     while drawn < samples and not clock.passed:
         structure = _shifted(nominal, pose_deviation, rng) if pose_deviation > 0 else nominal
-        if frictions_vary:
-            structure = _with_friction(structure, friction_deviation, rng)
+        if friction_varies(nominal.assembly):
+            structure = with_friction_drawn(structure, rng)
         movers, used = _moves(Analysis(structure), push, force, rng, min(each, samples - drawn), clock)
         drawn, solves = drawn + len(movers), solves + used
         moved += sum(mechanism is not None for mechanism in movers)
@@ -122,7 +121,12 @@ def _shifted(structure: Structure, deviation: float, rng: np.random.Generator) -
     return Structure.of(replace(assembly, objects=tuple(objects)), structure.margin + 6 * deviation)
 
 
-def _with_friction(structure: Structure, default: float, rng: np.random.Generator) -> Structure:
+def friction_varies(assembly: Assembly) -> bool:
+    """Whether a deviation of friction is stated."""
+    return assembly.friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
+
+
+def with_friction_drawn(structure: Structure, rng: np.random.Generator) -> Structure:
     """The structure with the coefficients of all interfaces drawn again, one per pair of objects."""
     objects = structure.assembly.objects
     deviations = {frozenset(pair.objects): pair.deviation for pair in structure.assembly.friction_pairs}
@@ -132,7 +136,7 @@ def _with_friction(structure: Structure, default: float, rng: np.random.Generato
         key = interface.first, interface.second
         if key not in drawn:
             names = frozenset((objects[key[0]].id, objects[key[1]].id))
-            deviation = deviations.get(names, 0.0) or default
+            deviation = deviations.get(names, 0.0) or structure.assembly.friction_deviation
             drawn[key] = max(0.0, float(rng.normal(interface.friction, deviation)))
         interfaces.append(replace(interface, friction=drawn[key]))
     return replace(structure, interfaces=tuple(interfaces))

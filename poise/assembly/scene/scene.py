@@ -124,6 +124,7 @@ class Assembly:
         friction_pairs: single pairs.
         rolling: coefficient of rolling resistance of pairs that give none: the force that keeps a wheel rolling, per
             load; also the lever, per radius, by which the contact force may be off the line or point of contact.
+        friction_deviation: standard deviation of the coefficients of pairs that give none.
 
     Raises:
         InputError: BAD_INPUT, NOT_FINITE or OBJECT_UNKNOWN, naming the entry.
@@ -134,6 +135,7 @@ class Assembly:
     friction: float | None = 0.5
     friction_pairs: tuple[FrictionPair, ...] = ()
     rolling: float = ROLLING
+    friction_deviation: float = 0.0
 
     def __post_init__(self) -> None:
         _require_distinct(self.objects)
@@ -144,6 +146,7 @@ class Assembly:
         if self.friction is not None:
             check_range("friction", self.friction)
         check_range("rolling", self.rolling)
+        check_range("friction", self.friction_deviation, "friction_deviation: ")
         for pair in self.friction_pairs:
             where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}"
             check_range("friction", [pair.coefficient, pair.deviation], f"{where}: ")

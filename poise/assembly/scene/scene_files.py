@@ -24,7 +24,16 @@ _UPPER = np.triu_indices(3)
 _TEXT_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+|[-+]\.\d+")
 """Numbers that YAML 1.1 takes for text: 1e-6, -.05, -.5e-3."""
 
-_SCENE_KEYS = {"gravity", "friction", "rolling", "objects", "friction_pairs", "pose_std"}
+_SCENE_KEYS = {
+    "gravity",
+    "friction",
+    "friction_deviation",
+    "rolling",
+    "objects",
+    "friction_pairs",
+    "pose_std",
+    "mass_std",
+}
 _SHAPE_KEYS = {"box", "cylinder", "sphere", "mesh", "scale"}
 _OBJECT_KEYS = _SHAPE_KEYS | {
     "id",
@@ -71,12 +80,15 @@ def read_scene(content: Any, folder: Path = Path()) -> Assembly:
     items = tuple(read_object(entry, folder, f"objects[{i}]") for i, entry in enumerate(objects))
     if "pose_std" in scene:
         items = with_pose_covariance(items, _pose_std(scene["pose_std"], "pose_std"))
+    if "mass_std" in scene:
+        items = with_mass_std(items, _number(scene["mass_std"], "mass_std"))
     return Assembly(
         objects=items,
         gravity=_numbers(scene.get("gravity", [0, 0, -STANDARD_GRAVITY]), 3, "gravity"),
         friction=None if friction is None else _number(friction, "friction"),
         rolling=_number(scene.get("rolling", ROLLING), "rolling"),
         friction_pairs=tuple(_pair(entry, f"friction_pairs[{i}]") for i, entry in enumerate(pairs)),
+        friction_deviation=_number(scene.get("friction_deviation", 0.0), "friction_deviation"),
     )
 
 
@@ -124,6 +136,32 @@ def with_pose_covariance(items: Iterable[RigidObject], covariance: Array) -> tup
     )
 
 
+def with_mass_std(items: Iterable[RigidObject], share: float) -> tuple[RigidObject, ...]:
+    """Objects whose masses are known to a share of them, one sigma, unless they are fixed or have a covariance.
+
+    How a mass is spread in its object is taken as known.
+
+    Raises:
+        InputError: BAD_INPUT for a share below 0 or above 1, NOT_FINITE.
+    """
+    check_range("mass_std", share)
+    if share == 0:
+        return tuple(items)
+    return tuple(
+        item if item.fixed or item.covariance is not None else replace(item, covariance=_of_mass(item, share))
+        for item in items
+    )
+
+
+def _of_mass(item: RigidObject, share: float) -> Array:
+    """(10, 10) covariance of (m, m c, I about the object frame's origin) where only the mass is not known."""
+    com = item.pose.undo(item.com_in_world)
+    about_com = item.pose.rotation.T @ item.inertia_in_world @ item.pose.rotation
+    about_origin = about_com + item.mass * (com @ com * np.eye(3) - np.outer(com, com))
+    moments = np.concatenate([[item.mass], item.mass * com, about_origin[_UPPER]])
+    return np.outer(share * moments, share * moments)
+
+
 def pose_covariance_of(position: float, rotation: float) -> Array:
     """(6, 6) of independent errors of a pose: of each coordinate, m, and about each axis, rad, one sigma each."""
     return np.diag(np.repeat([position, rotation], 3) ** 2.0)
@@ -148,6 +186,8 @@ def scene_content(assembly: Assembly) -> dict[str, Any]:
     }
     if assembly.rolling != ROLLING:
         content["rolling"] = float(assembly.rolling)
+    if assembly.friction_deviation:
+        content["friction_deviation"] = float(assembly.friction_deviation)
     if assembly.friction_pairs:
         content["friction_pairs"] = [
             {"objects": list(p.objects), "coefficient": float(p.coefficient)}
