@@ -160,8 +160,8 @@ def _despite(
         InputError: the error, with `poses` where other poses explain a part of it.
         NoAnswerError: as `scan`.
     """
-    plane, footprint, *_ = look_at(views, options)
     try:
+        plane, footprint, *_ = look_at(views, options)
         surface = fuse(views, footprint, options.voxel, 0.0)
         doubt = pose_doubt(views, path, surface, plane, options.farthest)
         views, path = _corrected(views, path, doubt)
@@ -170,7 +170,7 @@ def _despite(
         raise error from None
     if found.surface.agreed >= AGREED_WELL:
         return found
-    poses = found.surface.agreed > error.data["agreed"] + _BETTER
+    poses = found.surface.agreed > error.data.get("agreed", 1.0) + _BETTER
     raise InputError(error.code, error.message, **error.data, poses=poses) from None
 
 
