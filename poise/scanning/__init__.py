@@ -7,6 +7,7 @@
 - `support`: the table, and the objects on it. `looking`: depth images at given points.
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `flatness`: how well views agree about the table. `causes`: why they disagree.
+- `observing`: what views show with the poses that they have. `shared_errors`, `pose_doubt`: errors of these poses.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
 - `naming`: which objects of a scan are known already.

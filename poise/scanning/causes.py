@@ -15,15 +15,19 @@ from poise.scanning.placing import Sweep, turned_in_hand
 from poise.scanning.support import find_plane
 from poise.types import Array
 
-_DELAYS = np.linspace(-0.3, 0.3, 25)
-"""s that are tried, in steps that move a slow camera by a mm or two."""
+_DELAYS, _NEARBY = np.linspace(-2.0, 2.0, 41), np.linspace(-0.1, 0.1, 9)
+"""s that are tried, and around the best of them, in steps that move a slow camera by a mm or two."""
+_TURNED, _SHIFTED = np.deg2rad(20.0), 0.1
+"""rad and m up to which a camera is said to sit elsewhere: more fits anything, as another clock."""
+_ALIASES = 3
+"""Best delays of which the shortest is taken, if it is as good."""
 _CURED = 0.5
 """Of the spread, that what is tried has to leave at the most."""
 _LENGTH = 0.3
 """m, which turns an angle of the camera into a motion of what it sees."""
 
 
-def likely_cause(sweep: Sweep, up: Array, farthest: float) -> str:
+def likely_cause(sweep: Sweep, up: Array, farthest: float, poses: bool = False) -> str:
     """A sentence: what would make the views of a table agree; empty when nothing does.
 
     The table is seen by all views, and flat. A delay has one unknown and a pose of the camera on the hand six, so the
@@ -33,27 +37,52 @@ def likely_cause(sweep: Sweep, up: Array, farthest: float) -> str:
         sweep: whose views disagree.
         up: (3,) against gravity.
         farthest: m from the camera up to which it is looked at.
+        poses: whether the views agree better about the object with other poses.
     """
     now = table_spread(sweep.views, up, farthest)
     noise = noise_of_table(sweep.views, up, farthest)
+    if now < noise + FLAT and poses:
+        return (
+            "all views agree about the table, and better about the object with other poses of the camera: the hand-eye"
+            " transform, the scale of depth or the clocks do not fit (poise calibrate)"
+        )
     if now < noise + FLAT:
         return "all views agree about the table: the object moved, or was touched, during the sweep"
-    delays = {float(delay): table_spread(sweep.delayed(delay), up, farthest) for delay in _DELAYS}
-    delay = min(delays, key=lambda one: delays[one])
+    delay, delayed = _best_delay(sweep, up, farthest)
     mounted, rest = _mounting(sweep.views, up, farthest)
-    if delays[delay] - noise < _CURED * (now - noise) and delays[delay] < rest + FLAT:
+    if delayed - noise < _CURED * (now - noise) and delayed < rest + FLAT:
         return (
             f"the views agree when the images' stamps are taken as {1e3 * delay:+.0f} ms late: the clocks of camera and"
             f" joint states differ, or the driver stamps late; give it (--delay {delay:.3f})"
         )
-    if rest - noise < _CURED * (now - noise):
-        turn = np.rad2deg(np.linalg.norm(mounted[:3]))
-        shift = 1e3 * np.linalg.norm(mounted[3:])
+    turn, shift = float(np.linalg.norm(mounted[:3])), float(np.linalg.norm(mounted[3:]))
+    if rest - noise < _CURED * (now - noise) and turn < _TURNED and shift < _SHIFTED:
         return (
-            f"the views agree when the camera is turned by {turn:.1f} deg and moved by {shift:.0f} mm on the hand: the"
+            f"the views agree when the camera is turned by {np.rad2deg(turn):.1f} deg and moved by {1e3 * shift:.0f} mm"
+            " on the hand: the"
             " hand-eye transform is not this camera's; calibrate it (poise calibrate)"
         )
     return ""
+
+
+def _best_delay(sweep: Sweep, up: Array, farthest: float) -> tuple[float, float]:
+    """The delay, s, with which the views show the flattest table, and the spread left, m."""
+
+    def spread(delay: float) -> float:
+        views = sweep.delayed(delay)
+        return table_spread(views, up, farthest) if len(views) > len(sweep.views) / 2 else float("inf")
+
+    coarse = np.array([spread(float(delay)) for delay in _DELAYS])
+    around = np.pad(coarse, 1, constant_values=np.inf)
+    lowest = np.flatnonzero((coarse <= around[:-2]) & (coarse < around[2:]))
+    lowest = lowest[np.argsort(coarse[lowest])[:_ALIASES]]  # a camera that sways looks alike after a period
+    found = []
+    for number in lowest:
+        left = {float(delay): spread(float(delay)) for delay in _DELAYS[number] + _NEARBY}
+        delay = min(left, key=lambda one: left[one])
+        found.append((delay, left[delay]))
+    flat = min(left for _, left in found) + FLAT
+    return min((one for one in found if one[1] <= flat), key=lambda one: abs(one[0]))
 
 
 def _mounting(views: Sequence[View], up: Array, farthest: float) -> tuple[Array, float]:

@@ -38,7 +38,7 @@ _FEWEST_VIEWS = ((12, 3), (6, 2), (0, 1))
 _JUDGES = 2
 _THROUGH = 0.5
 """Share of the views of a point that may look through it."""
-_AGREED = 0.7
+AGREED = 0.7
 """Share of the object's pixels that views have to agree on: 0.99 did with right poses, 0.75 with some 5 mm off."""
 _MOST_STEP = 0.003
 
@@ -93,19 +93,20 @@ def fewest_views(count: int) -> int:
     return next(fewest for least, fewest in _FEWEST_VIEWS if count >= least)
 
 
-def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
+def fuse(views: Sequence[View], footprint: Footprint, voxel: float, agreed: float = AGREED) -> Surface:
     """One cloud of an object, from views whose poses are right.
 
     Args:
         views: which see it.
         footprint: where it stands.
         voxel: m, spacing of the points.
+        agreed: share of the object's pixels that views have to agree on.
 
     Raises:
         InputError: SCAN_INCOMPLETE when too little of it is left.
     """
     gathered = _gather(views, footprint, voxel)
-    surface = _averaged(gathered, views, footprint, voxel)
+    surface = _averaged(gathered, views, footprint, voxel, agreed)
     if len(surface.points) < 50:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
@@ -197,14 +198,14 @@ def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float
     return left, right, top, bottom, distance
 
 
-def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
+def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, voxel: float, least: float) -> Surface:
     """Points that views agree on, each where they see it on average."""
     looked = in_all(views, lambda depths: depths.agreement(surface.points, BAND))
     agree, through, toward = (sum(shares) for shares in zip(*looked, strict=True))
     kept = (agree >= fewest_views(len(views))) & (through <= _THROUGH * (agree + through))
     judged = agree + through >= min(_JUDGES, len(views))  # by others than the view that it is from
     agreed = float(surface.weights[kept & judged].sum() / max(surface.weights[judged].sum(), 1e-9))
-    if agreed < _AGREED:
+    if agreed < least:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: the views agree on {agreed:.0%} of what they show of the object only: the hand-eye transform is not"

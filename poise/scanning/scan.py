@@ -9,30 +9,28 @@ from scipy.spatial import cKDTree
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
-from poise.scanning.depth_scale import depth_scale, rescaled
+from poise.scanning.depth_scale import rescaled
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, fuse
 from poise.scanning.judging import judge
-from poise.scanning.moves import find_move
+from poise.scanning.observing import AGREED_WELL, FAR_MOVED, THICK, Observed, observed
 from poise.scanning.options import DEFAULT_SCAN, ScanOptions
 from poise.scanning.placing import Sweep
 from poise.scanning.pose_doubt import SurfaceDoubt, pose_doubt
-from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.shared_errors import Delayed, Path, without_shared, words_of
-from poise.scanning.support import Footprint, Plane, objects_on
+from poise.scanning.support import Plane, objects_on
 from poise.scanning.table_top import check_depth, look_at, regarded, table_of, up_of
 from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
 from poise.types import Array, Cancelled, Mask, Progress
 
-_THICK = 2e-3
-_AGREED = 0.9
-"""Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
 _UNCERTAIN = 4e-4
 """m that the poses may have put the surface elsewhere, from which on it is said."""
 _WORSE = 5e-3
 """Of this share, that corrected poses may take away."""
-_MOVED = 1e-2
-"""m that a pose is moved, from which on something is wrong besides calibration."""
+_CORRECTIONS = 3
+"""Times that poses are corrected by the surface, at most: one that is far off is seen in part only."""
+_BETTER = 0.05
+"""Of this share, that corrected poses have to add, to explain why views disagree."""
 SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
 SCANNED_FROM = 2 * HIDDEN_OFF
@@ -84,31 +82,6 @@ class Scan:
         return np.asarray(middle - (self.plane.normal @ middle - self.plane.offset) * self.plane.normal)
 
 
-@dataclass(frozen=True, eq=False)
-class _Observed:
-    """What views show of an object, and what has to be said of it.
-
-    Args:
-        views: whose poses were refined, and in which the object stands still.
-        footprint: where it stands.
-        n_objects: that stand there.
-        surface: what is seen.
-        moved: m, the most that a pose was moved at the object.
-        pushed: whether the object was.
-        doubt: of the poses.
-        notes: one sentence each.
-    """
-
-    views: Sequence[View]
-    footprint: Footprint
-    n_objects: int
-    surface: Surface
-    moved: float
-    pushed: bool
-    doubt: SurfaceDoubt
-    notes: list[str]
-
-
 def scan(
     views: Sequence[View],
     options: ScanOptions = DEFAULT_SCAN,
@@ -139,7 +112,7 @@ def scan(
     reach(0.0)
     found, said = _best(views, Path.of(views, delayed), options, reach)
     surface, notes = found.surface, said + found.notes + _uncertain(found.doubt)
-    if surface.agreed < _AGREED:
+    if surface.agreed < AGREED_WELL:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     reach(0.8)
     hidden = complete(surface, found.views, found.footprint, options.cell) if options.complete else None
@@ -156,80 +129,95 @@ def scan(
 
 def _best(
     views: Sequence[View], path: Path, options: ScanOptions, reach: Callable[[float], None]
-) -> tuple[_Observed, list[str]]:
+) -> tuple[Observed, list[str]]:
     """What the views show without the errors that all poses share, and what these were.
 
     Raises:
         InputError, NoAnswerError: as `scan`.
     """
     if options.refine == "never":
-        return _observed(views, path, options, reach), []
+        return observed(views, path, options, reach), []
     try:
         table = table_of(views, options)
     except InputError:  # with these poses
         table = None
     views, path, said = without_shared(views, path, table and table[1], options.farthest)
-    found = _observed(views, path, options, reach, None if said else table)
-    return _agreeing(found, path, options, reach), said
+    try:
+        found = observed(views, path, options, reach, None if said else table)
+    except InputError as error:
+        if not error.data.get("disagree"):
+            raise
+        return _despite(error, views, path, options, reach), said
+    return _agreeing(found, path, options, reach, []), said
 
 
-def _observed(
-    views: Sequence[View],
-    path: Path,
-    options: ScanOptions,
-    reach: Callable[[float], None],
-    table: tuple[Array, Plane] | None = None,
-) -> _Observed:
-    """What the views show; the table may be known.
+def _despite(
+    error: InputError, views: Sequence[View], path: Path, options: ScanOptions, reach: Callable[[float], None]
+) -> Observed:
+    """What views that disagree show with the poses that they agree on.
 
     Raises:
-        InputError, NoAnswerError: as `scan`.
+        InputError: the error, with `poses` where other poses explain a part of it.
+        NoAnswerError: as `scan`.
     """
-    table = table or table_of(views, options)
-    views, said = _of_true_depth(views, table[1], options)
-    plane, footprint, n_objects, notes = look_at(views, options, None if said else table)
-    reach(0.2)
-    moved, as_they_were = 0.0, views
-    if _wants_refinement(views, plane, options):
-        views, shifts = refined(views, footprint, options.voxel)
-        moved = float(shifts.max())
-        typical = 1e3 * float(np.median(shifts))
-        said.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
-        reach(0.4)
-        plane, footprint, n_objects, notes = look_at(views, options)
-    views, footprint, surface, pushed = _fused(views, footprint, options)
-    # Refined views agree, whatever errors they share: what they said before has to be asked.
-    asked = ([view for view in as_they_were if view.sure] or as_they_were) if moved else views
-    doubt = pose_doubt(asked, path, surface, footprint.plane, options.farthest)
-    notes = [*notes, *said, *_thick(plane), *pushed]
-    return _Observed(views, footprint, n_objects, surface, moved, bool(pushed), doubt, notes)
+    try:
+        plane, footprint, *_ = look_at(views, options)
+        surface = fuse(views, footprint, options.voxel, 0.0)
+        doubt = pose_doubt(views, path, surface, plane, options.farthest)
+        views, path = _corrected(views, path, doubt)
+        found = _agreeing(observed(views, path, options, reach), path, options, reach, [doubt])
+    except InputError:
+        raise error from None
+    if found.surface.agreed >= AGREED_WELL:
+        return found
+    poses = found.surface.agreed > error.data.get("agreed", 1.0) + _BETTER
+    raise InputError(error.code, error.message, **error.data, poses=poses) from None
 
 
-def _agreeing(found: _Observed, path: Path, options: ScanOptions, reach: Callable[[float], None]) -> _Observed:
+def _corrected(views: Sequence[View], path: Path, doubt: SurfaceDoubt) -> tuple[Sequence[View], Path]:
+    """The views and their path without what they disagree about."""
+    placed = rescaled(path.placed(views, doubt.change), doubt.share)
+    return placed, replace(path, change=path.change + doubt.change)
+
+
+def _agreeing(
+    found: Observed, path: Path, options: ScanOptions, reach: Callable[[float], None], known: Sequence[SurfaceDoubt]
+) -> Observed:
     """What the views show with poses that agree better about the surface, where the doubt of them is clear.
+
+    Args:
+        found: what they show.
+        path: of them.
+        options, reach: as `scan`.
+        known: what was corrected.
 
     Raises:
         NoAnswerError: as `scan`.
     """
-    doubt = found.doubt
-    if not doubt.clear or found.moved or found.pushed:
+    done = list(known)
+    while len(done) < _CORRECTIONS and found.doubt.clear and not found.moved:
+        views, path = _corrected(found.given, path, found.doubt)
+        try:
+            again = observed(views, path, options, reach)
+        except InputError:
+            break
+        if not again.doubt.better_than(found.doubt) or again.surface.agreed < found.surface.agreed - _WORSE:
+            break
+        done.append(found.doubt)
+        found = again
+    if not done:
         return found
-    views = rescaled(path.placed(found.views, doubt.change), doubt.share)
-    try:
-        again = _observed(views, replace(path, change=path.change + doubt.change), options, reach)
-    except InputError:
-        return found
-    if again.doubt.sigma > doubt.sigma or again.surface.agreed < found.surface.agreed - _WORSE:
-        return found
-    known = words_of(np.where(doubt.sure[1:], doubt.change, 0.0), doubt.share if doubt.sure[0] else 0.0)
+    sure = np.any([one.sure for one in done], axis=0)
+    change, share = sum(one.change for one in done), sum(one.share for one in done)
+    said = words_of(np.where(sure[1:], change, 0.0), share if sure[0] else 0.0)
     note = (
         "views saw the same surface at different places, which was corrected:"
-        f" {known or 'the hand-eye transform, the scale of depth or the clocks do not fit'}"
+        f" {said or 'the hand-eye transform, the scale of depth or the clocks do not fit'}"
     )
-    return replace(again, notes=[*again.notes, note])
+    return replace(found, notes=[*found.notes, note])
 
 
-def _doubt(n_seen: int, found: _Observed, completed: Array) -> Array:
+def _doubt(n_seen: int, found: Observed, completed: Array) -> Array:
     """(N,) doubt of each point.
 
     After a push half of the views are where they were fitted to, and shapes are less certain.
@@ -248,67 +236,6 @@ def _uncertain(doubt: SurfaceDoubt) -> list[str]:
     ]
 
 
-def _thick(plane: Plane) -> list[str]:
-    """A note where the table is seen too thick."""
-    if plane.thickness <= _THICK:
-        return []
-    return [
-        f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
-        " clocks of camera and joint_states"
-    ]
-
-
-def _of_true_depth(views: Sequence[View], plane: Plane, options: ScanOptions) -> tuple[Sequence[View], list[str]]:
-    """The views with their depth corrected by the table, and what was done as a note; no note: nothing was."""
-    share = depth_scale(views, plane, options.farthest) if options.refine != "never" else 0.0
-    if not share:
-        return views, []
-    note = (
-        f"depth is {100 * abs(share):.1f} % too {'long' if share > 0 else 'short'}, by the table's height in views"
-        " from high and low, and was corrected; calibrate the camera, or its hand-eye transform along its axis"
-    )
-    return rescaled(views, share), [note]
-
-
-def _fused(
-    views: Sequence[View], footprint: Footprint, options: ScanOptions
-) -> tuple[Sequence[View], Footprint, Surface, list[str]]:
-    """The seen surface; of an object that was pushed once, with the views before moved along with it; and notes.
-
-    Raises:
-        InputError: as `fuse`; SCAN_INCOMPLETE when the views before and after a push do not fit together.
-    """
-    if (move := find_move(views, footprint)) is None:
-        return views, footprint, fuse(views, footprint, options.voxel), []
-    as_it_is = _agreed_surface(views, footprint, options)
-    moved, there, together = move.undone(views), footprint, None
-    try:
-        there = look_at(moved, replace(options, near=move.place(footprint)))[1]
-        together = _agreed_surface(moved, there, options)
-    except InputError:  # nothing is to be seen there
-        if as_it_is is None:
-            raise
-    if as_it_is is not None and (together is None or together.agreed <= as_it_is.agreed) and as_it_is.agreed > _AGREED:
-        return views, footprint, as_it_is, []
-    if together is None or together.agreed < _AGREED:
-        apart = f"{move}; the views before and after do not fit together"
-        if as_it_is is None or move.distance > _MOVED:
-            raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: {apart}: fix the object to the table and scan again")
-        return views, footprint, as_it_is, [apart]
-    note = f"{move}; the views before were taken along with the object, which stands where it was seen last"
-    return moved, there, together, [note]
-
-
-def _agreed_surface(views: Sequence[View], footprint: Footprint, options: ScanOptions) -> Surface | None:
-    """What views show of an object; None when they disagree."""
-    try:
-        return fuse(views, footprint, options.voxel)
-    except InputError as error:
-        if not error.data.get("disagree"):
-            raise
-        return None
-
-
 def scan_sweep(
     sweep: Sweep,
     options: ScanOptions = DEFAULT_SCAN,
@@ -324,10 +251,12 @@ def scan_sweep(
     try:
         found = scan(sweep.views, options, progress, cancelled, sweep.delayed)
     except InputError as error:
-        cause = likely_cause(sweep, up, options.farthest) if error.data.get("disagree") else ""
+        poses = bool(error.data.get("poses"))
+        cause = likely_cause(sweep, up, options.farthest, poses) if error.data.get("disagree") else ""
         raise (InputError(error.code, f"{error.message}; {cause}", **error.data) if cause else error) from error
-    doubtful = found.plane.thickness > _THICK or found.moved > _MOVED or found.agreed < _AGREED
-    cause = likely_cause(sweep, up, options.farthest) if doubtful else ""
+    doubtful = found.plane.thickness > THICK or found.moved > FAR_MOVED or found.agreed < AGREED_WELL
+    poses = found.doubt is not None and bool(found.doubt[0] >= _UNCERTAIN)
+    cause = likely_cause(sweep, up, options.farthest, poses) if doubtful else ""
     return replace(found, notes=(*found.notes, cause)) if cause else found
 
 
@@ -348,9 +277,3 @@ def _joined(surface: Surface, hidden: Completed) -> Surface:
     colours = None if surface.colours is None else np.concatenate([surface.colours, surface.colours[nearest]])
     points, normals = np.concatenate([surface.points, hidden.points]), np.concatenate([surface.normals, hidden.normals])
     return Surface(points, colours, normals, np.append(surface.weights, np.zeros(len(hidden.points))))
-
-
-def _wants_refinement(views: Sequence[View], plane: Plane, options: ScanOptions) -> bool:
-    if options.refine != "auto":
-        return options.refine == "always"
-    return not all(view.sure for view in views) or table_misfit(views, plane) > MISFIT

@@ -81,9 +81,9 @@ def hollow_of(solid: Solid, points: Array, seen: Mask) -> Hollow | None:
         return None
     triangles, _ = solid.surface
     middles = solid.vertices[triangles].mean(axis=1)
-    unseen = cKDTree(points[~seen]).query(middles)[0] < there.query(middles)[0]
-    over = np.isfinite(cKDTree(inside[empty]).query(middles, distance_upper_bound=cell)[0])
-    opening = float(solid.areas[unseen & over].sum())
+    over = np.flatnonzero(np.isfinite(cKDTree(inside[empty]).query(middles, distance_upper_bound=cell)[0]))
+    unseen = cKDTree(points[~seen]).query(middles[over])[0] < there.query(middles[over])[0]
+    opening = float(solid.areas[over[unseen]].sum())
     return Hollow(inside, owners, empty, each * np.count_nonzero(empty), opening)
 
 

@@ -114,7 +114,7 @@ def test_a_move_that_leaves_nothing_to_see_does_not_spoil_views_that_agree(monke
     views = brick_views()
     lean = Rotation.from_euler("x", 40, degrees=True).as_matrix()
     wrong = ObjectMove(views[-1].frame.stamp, 5.0, lean, np.zeros(3), 0.02, 0.0)
-    monkeypatch.setattr(import_module("poise.scanning.scan"), "find_move", lambda views, footprint: wrong)
+    monkeypatch.setattr(import_module("poise.scanning.observing"), "find_move", lambda views, footprint: wrong)
     found = scan(views)
     assert not reported(found)
     assert found.segmented().solid.volume == pytest.approx(VOLUME, rel=0.1)
