@@ -59,8 +59,7 @@ def likely_cause(sweep: Sweep, up: Array, farthest: float, poses: bool = False) 
     if rest - noise < _CURED * (now - noise) and turn < _TURNED and shift < _SHIFTED:
         return (
             f"the views agree when the camera is turned by {np.rad2deg(turn):.1f} deg and moved by {1e3 * shift:.0f} mm"
-            " on the hand: the"
-            " hand-eye transform is not this camera's; calibrate it (poise calibrate)"
+            " on the hand: the hand-eye transform is not this camera's; calibrate it (poise calibrate)"
         )
     return ""
 
