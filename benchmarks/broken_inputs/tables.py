@@ -148,8 +148,10 @@ def _times_of_day(columns: Columns) -> str:
 def _merged(fill: str) -> Broken:
     """All topics in one table, whose rows have the times of each of them."""
 
-    def change(case: Case) -> Tables:
+    def change(case: Case) -> Tables | None:
         tables = tables_of(case)
+        if len(tables.columns) < 2:
+            return None
         times = np.unique(np.concatenate([columns["t"] for columns in tables.columns.values()]))
         whole: Columns = {"t": times}
         for topic in tables.mapping["topics"].values():
@@ -198,9 +200,11 @@ def _inverted(case: Case) -> Tables:
     return tables
 
 
-def _own_zeros(case: Case) -> Tables:
+def _own_zeros(case: Case) -> Tables | None:
     """The time of each table begins at zero, 0.37 s after that of the joint states."""
     tables = tables_of(case)
+    if len(tables.columns) < 2:
+        return None
     for name, columns in tables.columns.items():
         columns["t"] = columns["t"] - columns["t"][0] + 0.37 * (name != "joint_states.csv")
     return tables
@@ -227,6 +231,7 @@ def _exchanged(tables: Tables) -> None:
     topic["force"], topic["torque"] = topic["torque"], topic["force"]
 
 
+ORDER = "in the order|were exchanged"
 WAYS = {
     "as it is": Way(_written(text), harmless=True),
     "decimal commas": Way(_written(lambda columns: text(columns, ";").replace(".", ",")), harmless=True),
@@ -238,11 +243,11 @@ WAYS = {
     "empty cells at the end": Way(_lines(lambda lines: [lines[0], *(line + "," for line in lines[1:])]), harmless=True),
     "times of day": Way(_written(_times_of_day), harmless=True),
     "every row twice": Way(_lines(lambda lines: [lines[0], *(f"{line}\n{line}" for line in lines[1:])]), harmless=True),
-    "three decimals": Way(_written(lambda columns: text(columns, values=".3f")), harmless=True),
+    "three decimals": Way(_written(lambda columns: text(columns, values=".3f")), effect="quantisation", harmless=True),
     "merged, empty cells": Way(_merged("none"), harmless=True),
     "merged, last values": Way(_merged("last"), harmless=True),
-    "merged, interpolated": Way(_merged("line"), "lie on lines between"),
-    "merged, zeros": Way(_merged("zero"), "publish"),
+    "merged, interpolated": Way(_merged("line"), "lie on lines between", harmless=True),
+    "merged, zeros": Way(_merged("zero"), "publish|zero between"),
     "-999 for no value": Way(_written(_marked(-999.0)), "jump to -999"),
     "0 for no value": Way(_written(_marked(0.0)), "jump to 0"),
     "another unit than the mapping": Way(_units_row("deg"), "states the unit deg"),
@@ -251,13 +256,14 @@ WAYS = {
     "degrees": Way(_columns(lambda name, v: np.degrees(v) if name[:3] in ("pos", "vel") else v), "in degrees|in mm"),
     "milliseconds": Way(_columns(lambda name, v: v * 1e3 if name == "t" else v), "unit of the stamps"),
     "seven digits of 1.7e9 s": Way(
-        _written(lambda columns: text(columns | {"t": columns["t"] + 1.7e9}, times=".7g")), "too few|too slow"
+        _written(lambda columns: text(columns | {"t": columns["t"] + 1.7e9}, times=".7g")),
+        "too few|too slow|repeat the stamp",
     ),
     "seconds as ms": Way(_mapped(lambda tables: tables.mapping["time"].update(unit="ms")), "stamps are not in ns"),
     "no transmission": Way(_columns(_motor_side), "its range in the description"),
     "transmission inverted": Way(_inverted, "its range in the description"),
-    "joints reversed": Way(_mapped(_reversed("joint_states", "position")), "in the order|its range in the description"),
-    "efforts reversed": Way(_mapped(_reversed("joint_states", "effort"), key="effort"), "in the order"),
+    "joints reversed": Way(_mapped(_reversed("joint_states", "position")), ORDER + "|its range in the description"),
+    "efforts reversed": Way(_mapped(_reversed("joint_states", "effort"), key="effort"), ORDER),
     "each time from its zero": Way(_own_zeros, "the clocks of the wrench|their clocks differ"),
     "a rate 2 % too high": Way(_mapped(_at_a_rate), effect="clock_skew", harmless=True),
     "quaternion w first": Way(_mapped(_w_first, "odom", "quaternion"), "order w x y z"),

@@ -20,7 +20,7 @@ from poise.geometry.rotations import (
     rotation_of_vector,
     vector_of_rotation,
 )
-from poise.geometry.rows import row_order, unique_rows, used_rows
+from poise.geometry.rows import row_order, runs, unique_rows, used_rows
 from poise.geometry.vectors import cross, lengths, move_wrench, plane_axes, unit, wrench_of_force
 
 __all__ = [
@@ -40,6 +40,7 @@ __all__ = [
     "rotation_of_quaternion",
     "rotation_of_vector",
     "row_order",
+    "runs",
     "unique_rows",
     "unit",
     "used_rows",

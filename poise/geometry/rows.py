@@ -1,4 +1,4 @@
-"""Order of the rows of arrays, distinct rows, and rows that are used."""
+"""Order of the rows of arrays, distinct rows, rows that are used, and runs of them."""
 
 import numpy as np
 
@@ -38,3 +38,9 @@ def used_rows(numbers: Indices, count: int) -> tuple[Mask, Indices]:
     """(count,) which rows an array of row numbers uses, and the array with the numbers among those."""
     used = np.bincount(numbers.ravel(), minlength=count) > 0
     return used, (np.cumsum(used) - 1)[numbers]
+
+
+def runs(inside: Mask) -> list[tuple[int, int]]:
+    """First and last index of each run of a mask (N,)."""
+    edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
+    return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]

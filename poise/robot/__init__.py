@@ -42,7 +42,7 @@ from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
-from poise.robot.sample_checks import each_stamp_once, interpolated, stands_alone
+from poise.robot.sample_checks import blanks, each_stamp_once, interpolated, stands_alone
 from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
@@ -89,6 +89,7 @@ __all__ = [
     "StaticPoseBuffer",
     "base_from_odometry",
     "base_motion_at",
+    "blanks",
     "chains",
     "differentiate",
     "differentiate_rotations",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from poise.geometry import runs
 from poise.types import Array, Mask
 
 _BIN_SECONDS, _BIN_SAMPLES = 0.05, 8
@@ -123,16 +124,16 @@ def _constant_runs(means: Array, variances: Array, agree: Mask, noise: float, si
     limit = 1.5 * noise * (1.0 + _SIGMAS * np.sqrt(2.0 / (size - 1)))
     for first in np.flatnonzero(agree):
         still[first : first + _BINS] |= (variances[first : first + _BINS] <= limit).all()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    runs: list[tuple[int, int]] = []
-    for a, b in edges.reshape(-1, 2).tolist():
-        gap = slice(runs[-1][1] if runs else a, a)
-        near = bool(runs) and a - gap.start <= _BINS and bool((variances[gap] <= 2.0 * limit).all())
-        if near and _is_constant(means[runs[-1][0] : b], noise / size):
-            runs[-1] = runs[-1][0], b
+    level: list[tuple[int, int]] = []
+    for a, last in runs(still):
+        b = last + 1
+        gap = slice(level[-1][1] if level else a, a)
+        near = bool(level) and a - gap.start <= _BINS and bool((variances[gap] <= 2.0 * limit).all())
+        if near and _is_constant(means[level[-1][0] : b], noise / size):
+            level[-1] = level[-1][0], b
         else:
-            runs.append((a, b))
-    return [(a, b) for a, b in runs if _is_constant(means[a:b], noise / size)]
+            level.append((a, b))
+    return [(a, b) for a, b in level if _is_constant(means[a:b], noise / size)]
 
 
 def _are_stairs(levels: list[float], counts: list[int], noise: float, step: float) -> list[bool]:

@@ -4,6 +4,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from poise.geometry import runs
 from poise.recording import Stream
 from poise.types import Array, Mask
 
@@ -20,6 +21,9 @@ so many times of it, since smooth motions have all sizes; least share of the cor
 
 _LOOK = 20_000
 """Samples of the beginning, which show whether a stream is interpolated."""
+
+_LONGEST, _FEWEST = 5, 3
+"""Samples in a row that are blank at most, and how often; longer ones may be a robot at home or a sensor at zero."""
 
 
 def each_stamp_once(stream: Sampled) -> Sampled:
@@ -47,6 +51,24 @@ def stands_alone(position: Array, turning: Mask, usual: float = 0.5) -> Mask:
     step, across = distance(1), distance(2)
     found[1:-1] = np.minimum(step[:-1], step[1:]) > _FAR * np.maximum(across, np.quantile(across, usual)) + _LEAST
     return found
+
+
+def blanks(values: Array) -> Mask:
+    """(N,) samples that are exactly zero in all channels (N, C), between others that are far from zero.
+
+    Some programs write zeros where a topic has no sample.
+    """
+    zero = np.asarray((values == 0.0).all(axis=1))
+    others = values[~zero]
+    if not zero.any() or len(others) < 2:
+        return np.zeros(len(values), dtype=bool)
+    size, step = np.abs(others).max(axis=1), np.abs(np.diff(others, axis=0)).max(axis=1)
+    long = [(first, last) for first, last in runs(zero) if last - first >= _LONGEST]
+    if len(runs(zero)) - len(long) < _FEWEST or np.median(size) < _FAR * np.median(step):
+        return np.zeros(len(values), dtype=bool)
+    for first, last in long:
+        zero[first : last + 1] = False
+    return zero
 
 
 def interpolated(stream: Stream, values: Array, fewest: int = 3) -> Mask:

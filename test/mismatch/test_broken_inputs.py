@@ -66,7 +66,9 @@ def known(rigs: dict[str, Case], tmp_path_factory: pytest.TempPathFactory) -> Wr
     return open_recording(folder / tables.RECORDING).wrench()
 
 
-@pytest.mark.parametrize("name", [name for name, way in tables.WAYS.items() if way.harmless and not way.effect])
+@pytest.mark.parametrize(
+    "name", [name for name, way in tables.WAYS.items() if way.harmless and name != "a rate 2 % too high"]
+)
 def test_a_table_is_read_as_programs_write_it(
     name: str, rigs: dict[str, Case], known: WrenchStream, tmp_path: Path
 ) -> None:

@@ -103,21 +103,24 @@ def test_a_payload_in_another_unit_is_refused_with_its_number(payload: dict[str,
         read(SLOW.joints(), ARM, parse_model({"payload": payload}))
 
 
-def of_two_publishers(joints: JointStream, every: int) -> JointStream:
+def of_two_publishers(joints: JointStream, every: int, place: float = 0.0) -> JointStream:
+    """Another one sends `place`, or moves about it."""
     rows = np.arange(every, len(joints) - 1, every)
-    parts = {name: np.insert(getattr(joints, name), rows, 0.0, axis=0) for name in ("position", "velocity", "effort")}
+    sent = place * (1.0 + 0.1 * np.sin(0.01 * rows))[:, None] * np.ones(3)
+    parts = {name: np.insert(getattr(joints, name), rows, sent, axis=0) for name in ("position", "velocity", "effort")}
     return replace(joints, stamps=np.insert(joints.stamps, rows, joints.stamps[rows] - 3_000_000), **parts)
 
 
 def test_messages_of_a_second_publisher_are_left_out_with_a_finding() -> None:
     joints = SLOW.joints()
-    reading = read(of_two_publishers(joints, 9))
-    assert "messages jump to 0 0 0" in only(reading, "joints_mixed").sentence
     assert read(joints).recorded.effort is not None
-    assert reading.joints is not None
-    assert len(reading.joints) == len(joints)
+    for every in (9, 1):
+        reading = read(of_two_publishers(joints, every))
+        assert "messages jump to 0 0 0" in only(reading, "joints_mixed").sentence
+        assert reading.joints is not None
+        assert len(reading.joints) == len(joints)
     with pytest.raises(InputError, match="two publishers"):
-        read(of_two_publishers(joints, 1))
+        read(of_two_publishers(joints, 1, place=2.0))
 
 
 @pytest.mark.filterwarnings("error")

@@ -6,7 +6,7 @@ import pytest
 from poise.errors import ErrorCode, InputError
 from poise.geometry import rotation_of_quaternion
 from poise.recording import JointStream, PoseStream
-from poise.robot import interpolated, stands_alone, usable_odometry
+from poise.robot import blanks, interpolated, stands_alone, usable_odometry
 from poise.types import Array
 
 TIMES = np.arange(2000) * 0.008
@@ -55,6 +55,19 @@ def test_a_sample_stands_alone_but_for_whole_turns() -> None:
     values = smooth(TIMES)
     values[50, 0] += 2.0 * np.pi
     assert not stands_alone(values, np.array([True, False, False])).any()
+
+
+def test_zeros_between_other_samples_are_blanks() -> None:
+    values = smooth(TIMES)
+    values[10::3] = 0.0
+    values[11::9] = 0.0
+    assert np.array_equal(blanks(values), (values == 0.0).all(axis=1))
+    values = smooth(TIMES)
+    values[:500] = values[900:990] = 0.0  # at home
+    assert not blanks(values).any()
+    tared = np.round(np.random.default_rng(2).standard_normal((2000, 3)))
+    assert (tared == 0.0).all(axis=1).any()
+    assert not blanks(tared).any()
 
 
 def odometry(yaw: Array, place: Array, order: tuple[int, ...] = (0, 1, 2, 3)) -> PoseStream:

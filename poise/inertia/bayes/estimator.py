@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.geometry import GRAVITY_IN_WORLD
+from poise.geometry import GRAVITY_IN_WORLD, runs
 from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
 from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, away_from_contact, in_contact
@@ -326,10 +326,9 @@ class PoiseEstimator:
 def pushed(blocks: MomentBlocks, keep: Mask) -> list[RejectedInterval]:
     """Stretches of blocks that were not kept."""
     spans: list[RejectedInterval] = []
-    edges = np.flatnonzero(np.diff(~keep, prepend=False, append=False))
-    for first, past in edges.reshape(-1, 2):
-        start, end = int(blocks.start[first]), int(blocks.end[past - 1])
-        spans.append(RejectedInterval(start, end, int(blocks.sizes[first:past].sum()), EXTERNAL_CONTACT))
+    for first, last in runs(~keep):
+        start, end = int(blocks.start[first]), int(blocks.end[last])
+        spans.append(RejectedInterval(start, end, int(blocks.sizes[first : last + 1].sum()), EXTERNAL_CONTACT))
     return spans
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import runs
 from poise.mismatch.comparing.alignment import Alignment, align
 from poise.mismatch.comparing.comparison import same_path, same_speed, without_common
 from poise.mismatch.recorded import WRENCH_CHANNELS, EffortTrack, RecordedMotion
@@ -201,10 +202,8 @@ def _windows(seconds: Array, values: Array, limit: float) -> tuple[tuple[float, 
 
 
 def _runs(seconds: Array, mask: Mask) -> tuple[tuple[float, float], ...]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    pairs = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
     found: list[tuple[float, float]] = []
-    for begin, end in pairs:
+    for begin, end in runs(mask):
         start, stop = float(seconds[begin]), float(seconds[end])
         if found and start - found[-1][1] < 2.0 * _STRETCH:
             found[-1] = (found[-1][0], stop)

@@ -24,7 +24,7 @@ from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.saturation import at_ends, exceeded, limited_readings
 from poise.mismatch.effects.sensor_gain import GAIN_LEVER
 from poise.mismatch.effects.sensor_rotation import rotation_columns
-from poise.mismatch.effects.starts import runs, within
+from poise.mismatch.effects.starts import within
 from poise.registry import entries_of
 
 __all__ = [

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.geometry import runs
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array, Mask
 
@@ -143,12 +144,6 @@ def within(seconds: Array, windows: Iterable[tuple[float, float]], beside: float
     for begin, end in windows:
         inside |= (seconds >= begin - beside) & (seconds <= end + beside)
     return inside
-
-
-def runs(inside: Mask) -> list[tuple[int, int]]:
-    """First and last index of each run of a mask (N,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def smoothed(recorded: RecordedMotion, values: Array, width: float) -> Array:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.effects import runs
+from poise.geometry import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
-from poise.robot import RobotModel, stands_alone, without_turns
+from poise.robot import RobotModel, blanks, stands_alone, without_turns
 from poise.types import Array, Mask
 
 _MIXED = 0.3
@@ -42,7 +42,9 @@ def _of_one_publisher(
     joints: JointStream, columns: list[int], turning: Mask
 ) -> tuple[JointStream, list[str], list[InputFinding]]:
     position = joints.position[:, columns]
-    alone = stands_alone(position, turning)
+    alone = blanks(position)
+    if not alone.any():
+        alone = stands_alone(position, turning)
     if not alone.any():  # many of them hide what is usual; then they are of a publisher if they are equal
         alone = stands_alone(position, turning, 0.1)
         alone &= bool(alone.any()) and not np.ptp(position[alone], axis=0).any()
@@ -50,7 +52,7 @@ def _of_one_publisher(
         return joints, [], []
     odd = position[alone]
     count, share = int(alone.sum()), float(alone.mean())
-    if share > _MIXED:
+    if share > _MIXED and np.ptp(odd, axis=0).any():
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"{share:.0%} of the joint states jump away from the ones before and after them: two publishers write to "

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.effects import exceeded, runs, within
+from poise.geometry import runs
+from poise.mismatch.effects import exceeded, within
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.recorded import AT_REST, RecordedMotion, moving

@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import Stream, WrenchStream
-from poise.robot import each_stamp_once, interpolated
+from poise.robot import blanks, each_stamp_once, interpolated
 from poise.types import Array, Stamps
 
 Measured = TypeVar("Measured", bound=Stream)
@@ -26,7 +26,11 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
     if not finite.all():
         notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
-    wrench, said = _measured_anew(each_stamp_once(wrench.select(finite)))
+    wrench = each_stamp_once(wrench.select(finite))
+    blank = blanks(wrench.wrench_in_sensor)
+    if blank.any():
+        notes.append(f"{int(blank.sum())} wrench samples are zero between others that are not, and were left out")
+    wrench, said = _measured_anew(wrench.select(~blank))
     notes += said
     between = interpolated(wrench, wrench.wrench_in_sensor)
     if between.any():
