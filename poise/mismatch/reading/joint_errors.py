@@ -65,7 +65,7 @@ def _of_one_publisher(
     sentence = (
         f"Two publishers write to joint_states: {other.sum()} of {len(joints)} messages jump to "
         f"{' '.join(f'{value:.3g}' for value in odd[0])}, and the next ones jump back. They were left out; stop the "
-        "other publisher."
+        "other publisher, or write nothing where a table has no sample."
     )
     return joints.select(~other), [], [InputFinding("joints_mixed", sentence, tuple(joints.names[c] for c in columns))]
 
