@@ -22,7 +22,8 @@ MAX_STAMP = 2**31 * 10**9
 """ns: a stamp's seconds are a signed 32-bit number."""
 _BATCH = 4096  # rows that are converted together
 _HEAD = 1000  # lines among which the header is
-_DELIMITERS = "\t;,"  # the first of them that the header has
+_DELIMITERS = ",;\t"
+_NAME = re.compile("[a-df-z]", re.IGNORECASE)  # numbers have an e at most
 _COMMENT = ("#", "%")
 _MISSING = ("", "nan", "NaN", "NA")
 _WIDE = (b"\xff\xfe", b"\xfe\xff")
@@ -114,20 +115,18 @@ class _TextTable:
         """
         lines = [line.strip() for line in islice(self.file, _HEAD) if line.strip()]
         self.file.seek(0)
-        first = next((line for line in lines if not line.startswith(_COMMENT)), None)
-        if first is None:
+        first, second = [*(line for line in lines if not line.startswith(_COMMENT)), "", ""][:2]
+        if not first:
             problem = "is empty" if not lines else "has no rows"
             raise InputError(ErrorCode.EMPTY, f"{self.path} {problem}: record again")
-        several = len(first.split()) > 1
-        found = next((each for each in _DELIMITERS if each in first), " " if several else ",")
-        self.delimiter = self.options.delimiter or found
+        self.delimiter = self.options.delimiter or _delimiter(first, second)
         row = self._split(first)
         if not self.options.header:
             self.header = [str(number + 1) for number in range(len(row))]
             return False
         comments = [self._split(line.lstrip("#% ")) for line in lines[: lines.index(first)]]
         fitting = [cells for cells in comments if len(cells) == len(row)]
-        in_comment = bool(fitting) and any(self._is_value(cell) for cell in row)
+        in_comment = bool(fitting) and any(self._is_value(cell) for cell in row if cell not in self.missing)
         self.header = fitting[-1] if in_comment else row
         while self.header and not self.header[-1]:
             self.header.pop()
@@ -259,6 +258,16 @@ class _TextTable:
             sentence = f"{self.path}: the lists in column {name} have different lengths: record again"
             raise InputError(ErrorCode.FILE_CORRUPT, sentence)
         return np.concatenate(parts)
+
+
+def _delimiter(first: str, second: str) -> str:
+    """What separates the cells of the first two rows; a blank stands for white space."""
+    found = max(_DELIMITERS, key=first.count)
+    if not first.count(found):
+        return " " if len(first.split()) == len(second.split()) > 1 else ","
+    if found == "," and not _NAME.search(first):  # commas among numbers may be decimal
+        return next((each for each in "\t;" if each in first), ",")
+    return found
 
 
 def _moment(cell: str) -> int | None:

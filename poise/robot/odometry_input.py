@@ -1,5 +1,7 @@
 """Which poses of an odometry are used: rotations, each stamp once, without those that another node sends."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
@@ -21,7 +23,9 @@ def usable_odometry(odometry: PoseStream) -> tuple[PoseStream, list[str]]:
     notes, given = [], len(odometry)
     valid = are_rotations(odometry.rotation_parent_child) & np.isfinite(odometry.translation_parent_child).all(axis=1)
     if odometry.twist_in_child is not None:
-        valid &= np.isfinite(odometry.twist_in_child).all(axis=1)
+        finite = np.isfinite(odometry.twist_in_child).all(axis=1)
+        valid &= finite | ~finite.any()
+        odometry = odometry if finite.any() else replace(odometry, twist_in_child=None)
     if not valid.all():
         notes.append(f"{int((~valid).sum())} odometry messages have no valid pose or twist and were left out")
     odometry = each_stamp_once(odometry.select(valid))

@@ -31,13 +31,12 @@ def each_stamp_once(stream: Sampled) -> Sampled:
     return stream.select(np.diff(stream.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
 
 
-def stands_alone(position: Array, turning: Mask, usual: float = 0.5) -> Mask:
+def stands_alone(position: Array, turning: Mask) -> Mask:
     """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
 
     Args:
         position: (N, J) rad or m.
         turning: (J,) coordinates whose whole turns are no distance: at half a turn, either end may be reported.
-        usual: quantile of the motion over two samples that is usual.
     """
     found = np.zeros(len(position), dtype=bool)
     if len(position) < 3:
@@ -49,7 +48,7 @@ def stands_alone(position: Array, turning: Mask, usual: float = 0.5) -> Mask:
         return np.asarray(np.abs(short).max(axis=1))
 
     step, across = distance(1), distance(2)
-    found[1:-1] = np.minimum(step[:-1], step[1:]) > _FAR * np.maximum(across, np.quantile(across, usual)) + _LEAST
+    found[1:-1] = np.minimum(step[:-1], step[1:]) > _FAR * np.maximum(across, np.median(across)) + _LEAST
     return found
 
 

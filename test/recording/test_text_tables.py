@@ -15,6 +15,9 @@ from poise.recording import open_recording
     [
         "t;q\n0,5;1,25\n1,5;-2e-1\n",
         "t\tq\n0.5\t1.25\n1.5\t-0.2\n",
+        "t,\tq\n0.5,\t1.25\n1.5,\t-0.2\n",
+        ",t,q\n0,0.5,1.25\n1,1.5,-0.2\n",
+        "# a,b\nt,q\n0.5,1.25\n1.5,-0.2\n",
         " t   q\n0.5  1.25\n 1.5 -0.2\n",
         "# of a logger, v1\n# t,q\n0.5,1.25\n1.5,-0.2\n",
         "%t,q\n0.5,1.25\n% a remark\n1.5,-0.2\n",
@@ -47,3 +50,15 @@ def test_rows_of_a_shared_table_are_those_of_its_topics(tmp_path):
     (tmp_path / "run.csv").write_text("t,q,e\n0,1,\n0.5,2,\n")
     mapping.write_text(yaml.safe_dump(content))
     refused(lambda: open_recording(mapping), ErrorCode.EMPTY, "topics.joint_commands has no values")
+
+
+def test_a_single_column_may_have_a_name_of_two_words(tmp_path):
+    (tmp_path / "run.csv").write_text("joint angle\n1\n2\n")
+    write_mapping(tmp_path, time={"rate": 100}, position={"column": "joint angle"})
+    assert open_recording(tmp_path).joint_states().position[:, 0].tolist() == [1, 2]
+
+
+def test_decimal_commas_are_read_without_a_header(tmp_path):
+    (tmp_path / "run.csv").write_text("0,5;1,25\n1,5;-2,5e-1\n")
+    write_mapping(tmp_path, time={"column": 1}, shared={"header": False}, position={"column": 2})
+    assert open_recording(tmp_path).joint_states().position[:, 0].tolist() == [1.25, -0.25]

@@ -1,5 +1,7 @@
 """Samples that are no measurements of their own, and odometry that is wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,6 +99,15 @@ def test_quaternions_in_the_order_w_x_y_z_are_refused() -> None:
     with pytest.raises(InputError, match="order w x y z") as caught:
         usable_odometry(odometry(0.3 * TIMES, smooth(TIMES), (3, 0, 1, 2)))
     assert caught.value.code is ErrorCode.BAD_INPUT
+
+
+def test_a_twist_that_no_message_has_is_none() -> None:
+    pose = odometry(0.3 * TIMES, smooth(TIMES))
+    twist = np.full((len(TIMES), 6), np.nan)
+    found, notes = usable_odometry(replace(pose, twist_in_child=twist))
+    assert (len(found), found.twist_in_child, notes) == (len(TIMES), None, [])
+    twist[1:] = 0.0
+    assert len(usable_odometry(replace(pose, twist_in_child=twist))[0]) == len(TIMES) - 1
 
 
 def test_odometry_without_valid_poses_is_refused() -> None:

@@ -22,6 +22,8 @@ _STEP = 0.002
 """s between the delays that are tried; between them a parabola is laid."""
 _BEYOND = 2 * 10**9
 """ns before and after the joint states within which commands are kept."""
+_CLOCKS = 5e-3
+"""s before its command from which on a motion shows that their clocks differ."""
 _BLOCKS = 4
 """Parts of the recording whose delays give the scatter."""
 
@@ -84,6 +86,8 @@ def _followed(name: str, sent_at: Array, sent: Array, at: Array, moved: Array) -
     edges = np.linspace(0, len(at), _BLOCKS + 1).astype(int).tolist()
     parts = [_lag(sent_at, sent, at[a:b], moved[a:b])[0] for a, b in itertools.pairwise(edges)]
     scatter = max(float(np.std(parts, ddof=1) / np.sqrt(_BLOCKS)), 5e-4)
+    if -max(_CLOCKS, 3.0 * scatter) < delay < 0.0:
+        delay = 0.0
     late = (
         f"{1e3 * abs(delay):.1f} ± {1e3 * scatter:.1f} ms" if abs(delay) < _LATEST else f"over {1e3 * _LATEST:.0f} ms"
     )

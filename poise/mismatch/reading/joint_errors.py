@@ -45,9 +45,6 @@ def _of_one_publisher(
     alone = blanks(position)
     if not alone.any():
         alone = stands_alone(position, turning)
-    if not alone.any():  # many of them hide what is usual; then they are of a publisher if they are equal
-        alone = stands_alone(position, turning, 0.1)
-        alone &= bool(alone.any()) and not np.ptp(position[alone], axis=0).any()
     if not alone.any():
         return joints, [], []
     odd = position[alone]
