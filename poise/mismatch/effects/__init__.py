@@ -51,7 +51,6 @@ __all__ = [
     "limited_readings",
     "numbered_joints",
     "rotation_columns",
-    "runs",
     "slow_part",
     "tilt_columns",
     "within",
