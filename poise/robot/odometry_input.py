@@ -7,7 +7,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.geometry import are_rotations, quaternion_of_rotation
 from poise.recording import PoseStream
-from poise.robot.sample_checks import each_stamp_once, interpolated, stands_alone
+from poise.robot.sample_checks import each_stamp_once, interpolated, left_out, stands_alone
 from poise.types import Array
 
 _LEVEL, _TILTS = np.radians(10.0), np.radians(10.0)
@@ -20,29 +20,24 @@ def usable_odometry(odometry: PoseStream) -> tuple[PoseStream, list[str]]:
     Raises:
         InputError: TOO_FEW_SAMPLES; BAD_INPUT for quaternions in the order w x y z.
     """
-    notes, given = [], len(odometry)
+    given = len(odometry)
     valid = are_rotations(odometry.rotation_parent_child) & np.isfinite(odometry.translation_parent_child).all(axis=1)
     if odometry.twist_in_child is not None:
         finite = np.isfinite(odometry.twist_in_child).all(axis=1)
         valid &= finite | ~finite.any()
         odometry = odometry if finite.any() else replace(odometry, twist_in_child=None)
-    if not valid.all():
-        notes.append(f"{int((~valid).sum())} odometry messages have no valid pose or twist and were left out")
-    odometry = each_stamp_once(odometry.select(valid))
+    odometry, invalid = left_out(odometry, ~valid, "odometry messages have no valid pose or twist")
+    odometry = each_stamp_once(odometry)
     alone = stands_alone(odometry.translation_parent_child, np.zeros(3, dtype=bool))
-    if alone.any():
-        notes.append(f"{int(alone.sum())} poses of the odometry are single outliers and were left out")
-    odometry = odometry.select(~alone)
+    odometry, single = left_out(odometry, alone, "poses of the odometry are single outliers")
     between = interpolated(odometry, odometry.translation_parent_child, 2)
-    if between.any():
-        notes.append(f"{int(between.sum())} poses of the odometry lie on lines between others and were left out")
-    odometry = odometry.select(~between)
+    odometry, drawn = left_out(odometry, between, "poses of the odometry lie on lines between others")
     if len(odometry) < 2:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES, f"{len(odometry)} of {given} poses of the odometry can be used: record more"
         )
     _check_quaternions(odometry)
-    return odometry, notes
+    return odometry, [*invalid, *single, *drawn]
 
 
 def _check_quaternions(odometry: PoseStream) -> None:

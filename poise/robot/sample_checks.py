@@ -31,6 +31,13 @@ def each_stamp_once(stream: Sampled) -> Sampled:
     return stream.select(np.diff(stream.stamps, prepend=np.iinfo(np.int64).min // 2) > 0)
 
 
+def left_out(stream: Sampled, rows: Mask, what: str) -> tuple[Sampled, list[str]]:
+    """The stream without some samples (N,), and a note that says what they are; none where there are none."""
+    if not rows.any():
+        return stream, []
+    return stream.select(~rows), [f"{int(rows.sum())} {what} and were left out"]
+
+
 def stands_alone(position: Array, turning: Mask) -> Mask:
     """(N,) positions (N, J) that are far from the ones before and after, which are near each other.
 
@@ -62,8 +69,9 @@ def blanks(values: Array) -> Mask:
     if not zero.any() or len(others) < 2:
         return np.zeros(len(values), dtype=bool)
     size, step = np.abs(others).max(axis=1), np.abs(np.diff(others, axis=0)).max(axis=1)
-    long = [(first, last) for first, last in runs(zero) if last - first >= _LONGEST]
-    if len(runs(zero)) - len(long) < _FEWEST or np.median(size) < _FAR * np.median(step):
+    spans = runs(zero)
+    long = [(first, last) for first, last in spans if last - first >= _LONGEST]
+    if len(spans) - len(long) < _FEWEST or np.median(size) < _FAR * np.median(step):
         return np.zeros(len(values), dtype=bool)
     for first, last in long:
         zero[first : last + 1] = False

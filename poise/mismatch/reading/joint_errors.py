@@ -9,7 +9,7 @@ from poise.geometry import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
-from poise.robot import RobotModel, blanks, stands_alone, without_turns
+from poise.robot import RobotModel, blanks, left_out, stands_alone, without_turns
 from poise.types import Array, Mask
 
 _MIXED = 0.3
@@ -56,7 +56,7 @@ def _of_one_publisher(
             "joint_states; record one of them",
         )
     if count < 3 or np.ptp(odd, axis=0).any():
-        return joints.select(~alone), [f"{count} joint states are single outliers and were left out"], []
+        return *left_out(joints, alone, "joint states are single outliers"), []
     # Those near the motion do not stand alone.
     other = (position == odd[0]).all(axis=1)
     sentence = (

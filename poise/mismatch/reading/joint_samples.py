@@ -13,7 +13,7 @@ from poise.mismatch.reading.wrench_samples import (
     mean_stamps,
 )
 from poise.recording import JointStream
-from poise.robot import RobotModel, each_stamp_once, interpolated
+from poise.robot import RobotModel, each_stamp_once, interpolated, left_out
 from poise.types import Array, Mask
 
 _BURST = 0.05
@@ -38,11 +38,8 @@ def usable_joints(
     Raises:
         InputError: TOO_FEW_SAMPLES, BAD_INPUT for those of two publishers.
     """
-    notes = []
-    finite, given = np.isfinite(joints.position).all(axis=1), len(joints)
-    if not finite.all():
-        notes.append(f"{int((~finite).sum())} joint states are not finite and were left out")
-    joints = joints.select(finite)
+    finite, given = np.asarray(np.isfinite(joints.position).all(axis=1)), len(joints)
+    joints, notes = left_out(joints, ~finite, "joint states are not finite")
     joints = each_stamp_once(joints)
     if len(joints) < 2:
         raise InputError(
@@ -54,9 +51,8 @@ def usable_joints(
     notes += said
     values = np.hstack([joints.position, joints.velocity, joints.effort])
     between = interpolated(joints, values[:, np.isfinite(values).all(axis=0)])
-    if between.any():
-        notes.append(f"{int(between.sum())} joint states lie on lines between others and were left out")
-        joints = joints.select(~between)
+    joints, said = left_out(joints, between, "joint states lie on lines between others")
+    notes += said
     if alone:
         joints, said = begun(joints)
         notes += said

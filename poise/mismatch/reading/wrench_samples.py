@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import Stream, WrenchStream
-from poise.robot import blanks, each_stamp_once, interpolated
+from poise.robot import blanks, each_stamp_once, interpolated, left_out
 from poise.types import Array, Stamps
 
 Measured = TypeVar("Measured", bound=Stream)
@@ -22,20 +22,17 @@ _FEWEST_RUNS, _REGULAR = 50, 0.9
 
 def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     """Without NaN and repeated stamps, at no more than MAX_RATE, and no longer than MOST_SAMPLES last."""
-    notes = []
-    finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
-    if not finite.all():
-        notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
-    wrench = each_stamp_once(wrench.select(finite))
+    infinite = np.asarray(~np.isfinite(wrench.wrench_in_sensor).all(axis=1))
+    wrench, notes = left_out(wrench, infinite, "wrench samples are not finite")
+    wrench = each_stamp_once(wrench)
     blank = blanks(wrench.wrench_in_sensor)
-    if blank.any():
-        notes.append(f"{int(blank.sum())} wrench samples are zero between others that are not, and were left out")
-    wrench, said = _measured_anew(wrench.select(~blank))
+    wrench, said = left_out(wrench, blank, "wrench samples are zero between others that are not,")
+    notes += said
+    wrench, said = _measured_anew(wrench)
     notes += said
     between = interpolated(wrench, wrench.wrench_in_sensor)
-    if between.any():
-        notes.append(f"{int(between.sum())} wrench samples lie on lines between others and were left out")
-        wrench = wrench.select(~between)
+    wrench, said = left_out(wrench, between, "wrench samples lie on lines between others")
+    notes += said
     if len(wrench) < 100:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
