@@ -35,6 +35,7 @@ RANGES = {
     "position of pose_std": Range(0.0, 1.0, "m"),
     "rotation_deg of pose_std": Range(0.0, 45.0, "degrees"),
     "gravity": Range(0.1, 100.0, "m/s2"),
+    "gravity of a recording": Range(1.5, 30.0, "m/s2", not_finite=ErrorCode.BAD_INPUT),
     "friction": Range(0.0, 10.0, ""),
     "rolling": Range(0.0, 1.0, ""),
     "point": Range(-1e4, 1e4, "m"),
@@ -45,7 +46,10 @@ RANGES = {
     "characters of an id": Range(1, 255, "", ErrorCode.OBJECT_INVALID),
 }
 """Entries of requests, scene files and Python calls; docs/robustness_server.md shows the same table."""
-_HINTS = {"friction": "; is it an angle in degrees? A coefficient is its tangent"}
+_HINTS = {
+    "friction": "; is it an angle in degrees? A coefficient is its tangent",
+    "gravity of a recording": "; on Earth it is 9.81",
+}
 """What else a value outside of its range may be."""
 _ROUNDING = 1e-6
 """Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""

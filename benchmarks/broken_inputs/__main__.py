@@ -4,7 +4,7 @@ python -m benchmarks.broken_inputs [wrench|efforts|joints|tables ...] [--seed-se
 --quick: one rig
 
 Healthy recordings of `benchmarks.foreign` are each broken in every way. What the tool says is right when its message, a
-note or an effect says what was done, and no other effect is named.
+note, an effect or its sentence says what was done, and no other effect is named.
 Prints a table and writes out/benchmarks/broken_inputs.json. Exits with 1 when a broken input is a false name.
 """
 
@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.broken_inputs import efforts, joints, tables, wrenches
+from benchmarks.broken_inputs import descriptions, efforts, joints, models, tables, wrenches
 from benchmarks.broken_inputs.way import Way, Written
 from benchmarks.foreign.case import Case, make_case
 from benchmarks.foreign.plan import SEEDS, plans
@@ -36,6 +36,8 @@ GROUPS: dict[str, tuple[dict[str, Way], Callable[[Case], bool]]] = {
     "efforts": (efforts.WAYS, lambda case: case.streams.joints.effort.size > 0 and len(case.streams.names) > 1),
     "joints": (joints.WAYS, lambda case: len(case.streams.names) > 1),
     "tables": (tables.WAYS, lambda case: len(case.streams.names) > 1),
+    "models": (models.WAYS, lambda case: len(case.streams.names) > 1),
+    "descriptions": (descriptions.WAYS, lambda case: len(case.streams.names) > 1),
 }
 """What is broken, in which ways, and of which recordings."""
 console = Console(width=120)
@@ -57,12 +59,13 @@ def outcome(broken: Written, way: Way) -> tuple[str, str]:
     if content is None:
         right = bool(way.words) and re.search(way.words, said["message"], re.DOTALL) is not None
         return ("right" if right else "error"), said["message"][-300:]
+    said_so = {each["name"] for each in content["effects"] if way.words and re.search(way.words, each["sentence"])}
     names = [each["name"] for each in content["effects"]]
-    if set(names) - {way.effect}:
+    if set(names) - {way.effect} - said_so:
         return "false name", " + ".join(names)
     notes = " ".join([*content["notes"], *(each["sentence"] for each in content["input_findings"])])
     healthy = content["verdict"] == "none"
-    if way.effect in names or (way.words and re.search(way.words, notes)) or (healthy and way.harmless):
+    if way.effect in names or said_so or (way.words and re.search(way.words, notes)) or (healthy and way.harmless):
         return "right", way.effect or notes[-300:]
     return ("silent" if healthy else "unknown"), notes[-300:]
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from benchmarks.foreign.bag import Streams
 from benchmarks.foreign.case import Case
 from benchmarks.foreign.robots import Array
 
+T = TypeVar("T")
 Change = Callable[[Case], Streams]
 
 
@@ -27,7 +28,7 @@ class Way:
 
     Args:
         change: what would have been recorded, or written; None where the way does not apply.
-        words: pattern of a message, note or finding that says so; empty: none does.
+        words: pattern of a message, note, finding or sentence of an effect that says so; empty: none does.
         effect: name of the effect that it is; empty: none.
         harmless: an answer without an effect and without a word is right, too.
     """
@@ -41,6 +42,11 @@ class Way:
         """The broken recording with its model; None where the way does not apply."""
         changed = self.change(case)
         return replace(case, streams=changed) if isinstance(changed, Streams) else changed
+
+
+def turning(change: Callable[[Case], T]) -> Callable[[Case], T | None]:
+    """Of robots that turn the load: slides feel masses alone."""
+    return lambda case: change(case) if "revolute" in case.streams.robot_description else None
 
 
 def frozen(values: Array) -> Array:

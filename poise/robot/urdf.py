@@ -10,6 +10,11 @@ from poise.errors import ErrorCode, InputError
 
 _MAX_CHARACTERS = 10_000_000
 """A description without its meshes is some tens of kilobytes."""
+_LONGEST, _WIDEST = 100.0, 5.0
+"""m: larger robots have other units: sum of the offsets between joints that move, and radius of gyration of a link of
+the robot's mass with the sum of the moments of all links."""
+_TURN = 6.5
+"""rad, beyond a whole turn: whole numbers above it are degrees."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,9 @@ def parse_urdf(text: str) -> UrdfTree:
     roots = [link for link in links if link not in parent_of]
     if len(roots) != 1:
         raise _invalid(f"it must have one root link, it has {len(roots)}: {', '.join(roots[:5]) or 'a circle'}")
-    return UrdfTree(text, robot.get("name", ""), roots[0], parent_of, links, _inertials(robot), _mimics(joints))
+    inertials = _inertials(robot)
+    _in_si(joints, inertials.values())
+    return UrdfTree(text, robot.get("name", ""), roots[0], parent_of, links, inertials, _mimics(joints))
 
 
 def _tree(links: tuple[str, ...], joints: list[ElementTree.Element]) -> dict[str, str]:
@@ -174,6 +181,29 @@ def _mimics(joints: list[ElementTree.Element]) -> tuple[Mimic, ...]:
         if mimic.source in followers:
             raise _invalid(f"joint {mimic.joint} mimics {mimic.source}, which is itself a mimic joint")
     return tuple(found)
+
+
+def _in_si(joints: Iterable[ElementTree.Element], inertials: Iterable[Inertial]) -> None:
+    """Refuse lengths in mm, angles in degrees, and moments of inertia in kg cm2 or g mm2."""
+    reach = 0.0
+    for joint in joints:
+        origin = joint.find("origin")
+        if origin is None:
+            continue
+        angles = _triple(origin.get("rpy", "0 0 0"))
+        degrees = [angle for angle in angles if abs(angle) > _TURN and abs(angle - round(angle)) < 1e-6]
+        if degrees:
+            raise _invalid(f"joint {_name(joint)} is turned by {degrees[0]:g} rad: give rpy in rad, not in degrees")
+        reach += math.hypot(*_triple(origin.get("xyz", "0 0 0"))) if joint.get("type") != "fixed" else 0.0
+    if reach > _LONGEST:
+        raise _invalid(f"its joints are {reach:.4g} m apart in total: give xyz in m, not in mm")
+    mass, moments = 0.0, 0.0
+    for inertial in inertials:
+        mass += inertial.mass
+        moments += sum(inertial.moments[k] for k in (0, 3, 5))
+    if moments > 2.0 * _WIDEST**2 * mass > 0.0:
+        width = math.sqrt(moments / mass / 2.0)
+        raise _invalid(f"its moments of inertia are those of {mass:.4g} kg spread over {width:.3g} m: give kg m2")
 
 
 _NUMBERS = {

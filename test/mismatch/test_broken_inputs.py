@@ -16,7 +16,14 @@ from poise.errors import PoiseError
 from poise.mismatch.reading import load_model, read_recording
 from poise.recording import WrenchStream, open_recording
 
-RIGS = {"wrench": "xarm7_driver", "efforts": "fr3_efforts", "joints": "fr3_efforts", "tables": "ur10_rolling_fine"}
+RIGS = {
+    "wrench": "xarm7_driver",
+    "efforts": "fr3_efforts",
+    "joints": "fr3_efforts",
+    "tables": "ur10_rolling_fine",
+    "models": "xarm7_driver",
+    "descriptions": "xarm7_driver",
+}
 SAID = [
     (group, name) for group, (ways, _) in GROUPS.items() for name, way in ways.items() if way.words and not way.effect
 ]

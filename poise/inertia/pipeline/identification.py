@@ -13,6 +13,7 @@ from poise.inertia.pipeline.estimate import Identification, InertialEstimate, Pa
 from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.online import OnlineEstimator, check_options
 from poise.inertia.pipeline.segments import answer_of, predicted_wrench, weigh_segments
+from poise.ranges import check_range
 from poise.recording import Recording, WrenchStream, interpolate
 from poise.robot import (
     USED,
@@ -239,17 +240,14 @@ def recorded_gravity(recording: Recording) -> float:
     """m/s2, of the metadata record `poise`; standard gravity where there is none.
 
     Raises:
-        InputError: BAD_INPUT when it is no positive number.
+        InputError: BAD_INPUT when it is none of a planet.
     """
     text = recording.metadata.get("poise", {}).get("gravity", STANDARD_GRAVITY)
     try:
         gravity = float(text)
     except ValueError:
         gravity = math.nan
-    if not (math.isfinite(gravity) and gravity > 0):
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"{recording.path}: its metadata give gravity as '{text}': give it in m/s2 yourself"
-        )
+    check_range("gravity of a recording", gravity, f"{recording.path}: the metadata record poise: ")
     return gravity
 
 

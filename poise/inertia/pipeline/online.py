@@ -25,6 +25,7 @@ from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.inertia.pipeline.estimator_group import EstimatorGroup
 from poise.inertia.pipeline.measuring_source import MeasuringSource
 from poise.inertia.pipeline.method_pipeline import MethodPipeline, PairedSamples
+from poise.ranges import check_range
 from poise.robot import (
     CLOCK_JUMP,
     IMU_LAG_STEP,
@@ -39,9 +40,6 @@ from poise.robot import (
     went_back,
 )
 from poise.types import Array, Stamps
-
-_MAX_GRAVITY = 30.0
-"""m/s2; more is a typing error."""
 
 _SETTLED = 1_000_000_000
 """ns after a change in which the watch knows more, because it lags less."""
@@ -387,11 +385,11 @@ def check_options(method: str, gravity: float | None, saturation: tuple[float, f
         InputError: BAD_INPUT.
     """
     check_method(method)
-    for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
-        if value is not None and not value > 0:
+    for name, value in (("saturation force", saturation[0]), ("torque", saturation[1])):
+        if not value > 0:
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-    if gravity is not None and not 0.1 <= gravity <= _MAX_GRAVITY:
-        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2; possible are 0.1 to 30, on Earth it is 9.81")
+    if gravity is not None:
+        check_range("gravity of a recording", gravity)
 
 
 def _foreign_frames(counts: Counter[str], frame_id: str) -> EstimateFinding:

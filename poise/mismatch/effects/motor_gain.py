@@ -8,6 +8,9 @@ from poise.types import Array
 _LOWEST, _HIGHEST = -0.7, 2.0
 """A larger error is another unit or the wrong motor."""
 
+_COMMON = 0.15
+"""Largest relative difference of gains that have one cause."""
+
 
 class MotorGain(Effect):
     """tau_j = (1 + g_j) tau_rigid_j; friction is in units of the motor as it reads."""
@@ -31,5 +34,10 @@ class MotorGain(Effect):
         return each_joint(efforts(recorded).rigid)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        sizes = listed(recorded, [100.0 * values[f"gain_{i}"] for i in numbers(recorded)], "%")
-        return f"Motors read their torque wrongly: {sizes} beyond the nominal torque constants."
+        gains = [values[f"gain_{i}"] for i in numbers(recorded)]
+        sizes = listed(recorded, [100.0 * gain for gain in gains], "%")
+        said = f"Motors read their torque wrongly: {sizes} beyond the nominal torque constants."
+        common = sum(gains) / len(gains)
+        if len(gains) < 2 or max(abs(gain - common) for gain in gains) > _COMMON * abs(common):
+            return said
+        return f"{said} All have about the same factor, {1.0 + common:.2g}: are the masses of the description right?"

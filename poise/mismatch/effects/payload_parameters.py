@@ -11,6 +11,8 @@ PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", 
 
 FARTHEST_CENTRE = 1.0
 """m from the sensor to a payload's centre of mass."""
+_OF_NONE = (2.0, 0.2)
+"""Typical mass, relative, and m of its lever, of a payload where the model has none: a hand that was forgotten."""
 
 
 class PayloadParameters(Effect):
@@ -27,9 +29,10 @@ class PayloadParameters(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         mass = max(float(recorded.phi[0]), 0.5)
+        of_mass, arm = (0.15, 0.02) if recorded.phi[0] else _OF_NONE
         return (
-            EffectParameter("mass", "kg", 0.15 * mass),
-            *(EffectParameter(name, "kg m", 0.02 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[1:4]),
+            EffectParameter("mass", "kg", of_mass * mass),
+            *(EffectParameter(name, "kg m", arm * mass, hidden=True) for name in PAYLOAD_PARAMETERS[1:4]),
             *(EffectParameter(name, "kg m2", 0.005 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[4:]),
         )
 

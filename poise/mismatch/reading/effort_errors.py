@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from poise.mismatch.effects import at_ends, within
-from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
 from poise.mismatch.reading.sanity import frozen_spans
 from poise.mismatch.recorded import (
@@ -31,6 +31,9 @@ _MATERIAL, _BETTER, _AT_MOST = 0.005, 0.2, 0.4
 and with what no error explains."""
 _LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
 """s: delays that are looked for."""
+_LEAST_MOUNTING, _OWN_WEIGHT = 20.0, 2.0
+"""degrees by which a base is turned at least, smaller tilts being an effect of the library; factor by which the weight
+may differ beside it."""
 _LOST = 0.5
 """Share of the samples from which joints at their limits are left out, and not the samples."""
 
@@ -142,6 +145,7 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
         *_in_order(comparison, bases),
         *_late(comparison, bases),
         *_compensated(comparison, recorded),
+        *_mounted(comparison, recorded),
     ]
     left, finding = min(tried, key=lambda each: float(each[0].sum()))
     concerned = np.isin(track.names, finding.joints)
@@ -200,3 +204,27 @@ def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
             "out; record the torques of the joints as measured."
         )
         yield left, InputFinding("effort_compensated", sentence, track.names)
+
+
+def _mounted(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
+    """Gravity along another direction of the base than downwards."""
+    track = comparison.track
+    if track.by_gravity is None:
+        return
+    usual = float(np.linalg.norm(recorded.gravity[0]))
+    down = np.array([0.0, 0.0, -usual])
+    rows = comparison.rows
+    beside = comparison.bases(np.zeros_like(track.rigid))
+    rest = comparison.measured - track.rigid[rows] + track.by_gravity[rows] @ down
+    weight = 1.0 / np.sqrt(np.var(comparison.measured, axis=0) + comparison.faint)
+    both = np.concatenate([track.by_gravity[rows], rest[:, :, None]], axis=2) * weight[:, None]
+    free = np.concatenate([both[:, j] - basis @ (basis.T @ both[:, j]) for j, basis in enumerate(beside)])
+    along = np.asarray(np.linalg.lstsq(free[:, :3], free[:, 3], rcond=1e-3)[0])
+    size, (angle, words) = float(np.linalg.norm(along)), turned_base(along)
+    if angle < _LEAST_MOUNTING or not 1.0 / _OWN_WEIGHT < size / usual < _OWN_WEIGHT:
+        return
+    left = comparison.left(
+        comparison.measured, comparison.bases(track.rigid + track.by_gravity @ (along * usual / size - down))
+    )
+    sentence = f"The efforts follow from the motion if gravity acts {words}. They were left out."
+    yield left, InputFinding("base_turned", sentence, track.names)

@@ -104,9 +104,10 @@ def _by_gain(
         if known.sum() > 1 and (turned == known).all():
             turned[:] = True
         names = track.named(turned)
+        mounted = ", or the robot is mounted upside down" if (turned == known).all() else ""
         sentence = (
-            f"The effort of {', '.join(names)} has the opposite sign: it is what the load exerts on the joint. It was "
-            "negated; the contract is what the joint exerts."
+            f"The effort of {', '.join(names)} has the opposite sign: it is what the load exerts on the joint"
+            f"{mounted}. It was negated; the contract is what the joint exerts."
         )
         found = [*found, InputFinding("effort_sign", sentence, names, tuple(value[turned].tolist()))]
         track = replace(track, measured=np.where(turned, -track.measured, track.measured))

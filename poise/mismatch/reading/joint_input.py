@@ -1,15 +1,17 @@
-"""Input checks of the joint positions against the wrench: directions, order, and zeros off by right angles."""
+"""Input checks of the joint positions against the wrench: directions, order, and zeros that are far off."""
 
 from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.wrench_input import WrenchMoments
 from poise.mismatch.recorded import RecordedMotion, load_wrench
-from poise.robot import RobotModel, frame_poses
+from poise.robot import RobotModel, frame_poses, pinocchio_state
 from poise.types import Array
 
 _SAMPLES = 400
@@ -17,6 +19,12 @@ _SAMPLES = 400
 _UNEXPLAINED, _EXPLAINED, _BETTER = 0.25, 0.2, 0.25
 """Shares of the variance of the force, or of the torque, that the recorded joints leave at least, others at most;
 and the largest ratio of both."""
+_TURNED = 0.5
+"""Largest ratio of what other joints leave to what a turned sensor leaves."""
+_SAME_AXIS = 0.99
+"""Share of the turning about an axis, from which on it is the axis of the joint."""
+_ZEROS = (*range(-165, -15, 15), *range(30, 195, 15))
+"""degrees by which the zero of a joint may be off; smaller errors are an effect of the library."""
 
 
 def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravity: float, name: str) -> None:
@@ -38,19 +46,23 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravit
     if joints is None or joints.names != robot.joint_names[robot.base_joints :]:
         return
     moments = WrenchMoments.of(recorded.wrench, recorded.prediction)
-    # A sensor that is turned about the axis of the last joint is an effect of the library.
-    if moments.unexplained.max() < _UNEXPLAINED or moments.turned.sum() < _EXPLAINED:
+    if moments.unexplained.max() < _UNEXPLAINED:
         return
+    # A sensor that is turned against its load is an effect of the library.
+    turned = float(moments.turned.sum())
     rows = slice(None, None, max(len(recorded) // _SAMPLES, 1))
     wrench, position = recorded.wrench[rows], joints.position[rows]
 
-    def unexplained(position: Array) -> float:
-        whole = np.hstack([np.zeros((len(position), robot.base_joints)), position])
-        return float(WrenchMoments.of(wrench, _weight(robot, whole, phi, gravity)).unexplained.max())
+    def turns(position: Array) -> Array:
+        return frame_poses(robot, np.hstack([np.zeros((len(position), robot.base_joints)), position]))[0]
 
-    found = {sentence: unexplained(other) for sentence, other in _others(joints.names, position)}
+    def unexplained(rotation: Array) -> float:
+        return float(WrenchMoments.of(wrench, _weight(rotation, phi, gravity)).unexplained.max())
+
+    found = {sentence: unexplained(turns(other)) for sentence, other in _others(joints.names, position)}
+    found |= {sentence: unexplained(rotation) for sentence, rotation in _other_axes(robot, position, turns(position))}
     best = min(found, key=found.__getitem__)
-    if found[best] <= min(_EXPLAINED, _BETTER * unexplained(position)):
+    if found[best] <= min(_EXPLAINED, _BETTER * unexplained(turns(position)), _TURNED * turned):
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"{name}: the wrench does not follow from the joint positions; it would if {best}: correct the joint "
@@ -58,11 +70,35 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravit
         )
 
 
-def _weight(robot: RobotModel, position: Array, phi: Array, gravity: float) -> Array:
-    """(N, 6) the wrench of a load at rest."""
-    rotation = frame_poses(robot, position)[0]
-    still = np.zeros((len(position), 3))
+def _weight(rotation: Array, phi: Array, gravity: float) -> Array:
+    """(N, 6) the wrench of a load at rest on a sensor that is turned (N, 3, 3) in the world."""
+    still = np.zeros((len(rotation), 3))
     return load_wrench(phi, rotation.transpose(0, 2, 1) @ np.array([0.0, 0.0, -gravity]), still, still)
+
+
+def _other_axes(robot: RobotModel, position: Array, rotation: Array) -> Iterator[tuple[str, Array]]:
+    """Rotations (N, 3, 3) of the sensor if a joint turns about another axis than that of the description, in words."""
+    model, data = robot.pinocchio, robot.pinocchio.createData()
+    names = robot.joint_names[robot.base_joints :]
+    numbers = [model.getJointId(name) for name in names]
+    above, turned = (np.empty((len(names), len(position), 3, 3)) for _ in range(2))
+    whole = np.hstack([np.zeros((len(position), robot.base_joints)), position])
+    still = np.zeros_like(whole)
+    for n, row in enumerate(pinocchio_state(robot, whole, still, still).q):
+        pin.forwardKinematics(model, data, row)
+        for j, number in enumerate(numbers):
+            turned[j, n] = data.oMi[number].rotation
+            own = model.jointPlacements[number].rotation.T @ data.liMi[number].rotation
+            above[j, n] = turned[j, n] @ own.T
+    for j, name in enumerate(names):
+        beyond = turned[j].transpose(0, 2, 1) @ rotation
+        own = np.abs(Rotation.from_matrix(above[j].transpose(0, 2, 1) @ turned[j]).as_rotvec()).sum(axis=0)
+        for axis, unit in zip("xyz", np.eye(3), strict=True):
+            if own @ unit > _SAME_AXIS * own.sum() > 0.0:
+                continue
+            other = Rotation.from_rotvec(position[:, j, None] * unit).as_matrix()
+            yield f"{name} turned about the {axis} axis of its frame", above[j] @ other @ beyond
+        yield f"{name} did not turn, but slid", above[j] @ beyond
 
 
 def _others(names: tuple[str, ...], position: Array) -> Iterator[tuple[str, Array]]:
@@ -71,8 +107,9 @@ def _others(names: tuple[str, ...], position: Array) -> Iterator[tuple[str, Arra
     for j, name in enumerate(names):
         one = np.eye(count)[j]
         yield f"{name} counted in the opposite direction", position * (1.0 - 2.0 * one)
-        for angle in (90, -90, 180):
-            yield f"the zero of {name} was {angle} degrees off", position - np.radians(angle) * one
+        flange = ", or if the sensor and its load are turned as far on the flange" if j == count - 1 else ""
+        for angle in _ZEROS:
+            yield f"the zero of {name} was {angle} degrees off{flange}", position - np.radians(angle) * one
     for sentence, order in orders(names):
         yield sentence, position[:, order]
 

@@ -11,6 +11,7 @@ import yaml
 from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import InertialParameters, symmetric
+from poise.ranges import check_range
 from poise.simulation.models import SimulatorModel, model_kind, read_simulator_model
 from poise.types import Array
 
@@ -190,7 +191,7 @@ def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
         sensor_frame=_text(top, "sensor_frame"),
         urdf=None if urdf is None else folder / urdf if (folder / urdf).is_file() else Path(urdf),
         phi=_payload(top["payload"]) if top.get("payload") is not None else None,
-        gravity=_positive(top["gravity"], "gravity") if "gravity" in top else None,
+        gravity=_gravity(top["gravity"]) if "gravity" in top else None,
         tool_in_wrench=tool,
         tolerance=_tolerance(top.get("tolerance", {})),
         noise_force=_positive(noise["force"], "noise.force") if "force" in noise else None,
@@ -333,6 +334,11 @@ def _positive(value: Any, what: str) -> float:
     if number <= 0:
         raise _bad(f"{what} must be positive, got {number:g}")
     return number
+
+
+def _gravity(value: Any) -> float:
+    check_range("gravity of a recording", value)
+    return float(value)
 
 
 def _numbers(value: Any, count: int, what: str) -> Array:

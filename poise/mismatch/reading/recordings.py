@@ -21,7 +21,7 @@ from poise.mismatch.reading.sanity import (
     check_frame_motion,
     check_motion,
     check_payload,
-    exceeded_limits,
+    contradicted,
     without_frozen,
     without_spikes,
 )
@@ -101,7 +101,7 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
 
     known = replace(known, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, str(recording.path), known, np.zeros(10))
-    findings = [*frozen, *check_frame_motion(recorded), *exceeded_limits(recorded, model)]
+    findings = [*frozen, *check_frame_motion(recorded), *contradicted(recorded, model)]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -138,15 +138,15 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
         return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
-    check_payload(robot, model.phi)
+    check_payload(robot, model.phi, joints.effort.size > 0)
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
     if wrench is not None and model.phi is not None:
         check_joints(robot, recorded, model.phi + tool, model.gravity_or_standard, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
-    exceeded = exceeded_limits(recorded, model) if wrench is not None else []
-    findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *exceeded]
+    stated = [*contradicted(recorded, model)] if wrench is not None else []
+    findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *stated]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 

@@ -10,7 +10,7 @@ from poise.geometry import runs
 from poise.mismatch.effects import exceeded, within
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
-from poise.mismatch.recorded import AT_REST, RecordedMotion, moving
+from poise.mismatch.recorded import AT_REST, RecordedMotion, moving, white_level
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
@@ -21,8 +21,10 @@ _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
-_HEAVIEST = 20.0
-"""Payloads are at most so many times as heavy as the robot."""
+_HEAVIEST, _CARRIED = 20.0, 3.0
+"""Payloads are at most so many times as heavy as the robot, and as one whose efforts are compared."""
+_NOISIER = 5.0
+"""Ratio from which the noise that a model states is not that of the readings."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
 _FROZEN, _STEPS, _MATERIAL = 0.2, 3.0, 0.05
 """s that a reading stays the same at least; by how many of its steps, and by what share of its range, the model changes
@@ -34,13 +36,26 @@ _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
 share of that direction in one channel, since a knock acts on forces and torques."""
 
 
-def exceeded_limits(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
-    """Limits of the sensor that the model states, and that readings exceed: they are not used."""
+def contradicted(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
+    """What the model states of the sensor and the readings contradict: limits, and noise that would hide effects."""
     saturation = model.effect("saturation")
-    stated = saturation.values.items() if saturation is not None else ()
-    wrong = [f"{name} of {value:.4g}" for name, value in stated if exceeded(recorded, name, value)]
+    limits = saturation.values.items() if saturation is not None else ()
+    wrong = [f"{name} of {value:.4g}" for name, value in limits if exceeded(recorded, name, value)]
     said = [f"Readings exceed the {what} in the model; it is not used." for what in wrong]
-    return [InputFinding("limit_exceeded", sentence) for sentence in said]
+    found = [InputFinding("limit_exceeded", sentence) for sentence in said]
+    level = white_level(recorded.wrench - recorded.prediction)
+    for what, unit, noise, part in (
+        ("force", "N", model.noise_force, slice(0, 3)),
+        ("torque", "N m", model.noise_torque, slice(3, 6)),
+    ):
+        measured = float(level[part].max())
+        if noise is not None and noise > _NOISIER * measured:
+            sentence = (
+                f"noise.{what} of the model is {noise:.3g} {unit}, that of the readings {measured:.2g} {unit}: effects "
+                "below the stated noise are not found; leave it out, and it is estimated."
+            )
+            found.append(InputFinding("noise_stated", sentence, (), (noise, measured)))
+    return found
 
 
 def check_positions(robot: RobotModel, position: Array) -> None:
@@ -64,14 +79,14 @@ def check_positions(robot: RobotModel, position: Array) -> None:
         )
 
 
-def check_payload(robot: RobotModel, phi: Array | None) -> None:
-    """Refuse a payload (10,) that is far heavier than the robot.
+def check_payload(robot: RobotModel, phi: Array | None, efforts: bool = False) -> None:
+    """Refuse a payload (10,) that is far heavier than the robot, whose `efforts` may be compared.
 
     Raises:
         InputError: BAD_INPUT.
     """
     own = sum(float(inertia.mass) for inertia in robot.pinocchio.inertias)
-    if phi is not None and phi[0] > _HEAVIEST * own > 0.0:
+    if phi is not None and phi[0] > (_CARRIED if efforts else _HEAVIEST) * own > 0.0:
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"payload.mass of the model is {phi[0]:.4g} kg, the robot of the description weighs {own:.3g} kg: give it "

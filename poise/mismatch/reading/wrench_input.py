@@ -9,6 +9,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.geometry import nearest_rotation
 from poise.mismatch.effects import limited_readings
+from poise.mismatch.reading.findings import turned_base
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, linear_at, load_wrench
 from poise.types import Array, Mask
 from poise.weighing import (
@@ -161,18 +162,14 @@ def _mounting(recorded: RecordedMotion, moments: WrenchMoments) -> str | None:
     direction, *_ = np.linalg.lstsq(matrix, read, rcond=None)
     length = float(np.linalg.norm(direction))
     left = np.mean((read - matrix @ direction) ** 2) * 6.0
-    downwards = np.degrees(np.arccos(np.clip(-direction[2] / max(length, 1e-9), -1.0, 1.0)))
+    downwards, turned = turned_base(np.asarray(direction))
     if not (
         _LEAST_MOUNTING < downwards < 180.0 - _LEAST_MOUNTING
         and 1.0 / _WRONG_PAYLOAD < length < _WRONG_PAYLOAD
         and left < min(_EXPLAINED, _BETTER * without, _TURNED * float(moments.turned.sum()))
     ):
         return None
-    x, y, z = direction / length
-    return (
-        f"the load hangs along {x:.2f} {y:.2f} {z:.2f} in the axes of the base, not along 0 0 -1: the base is "
-        f"turned by {downwards:.0f} degrees; describe its mounting with a fixed joint from a level link to the base"
-    )
+    return f"the load hangs {turned}"
 
 
 def _error(recorded: RecordedMotion, moments: WrenchMoments) -> FixedError | None:
