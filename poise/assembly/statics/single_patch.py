@@ -8,14 +8,14 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED
 from poise.geometry import cross, move_wrench
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
 _COARSE, _FINE = 8, 9
 _FEW = 50
 """Loads up to which all steps are one array operation; of more, those after the first violation are left out."""
-_ROOT = 1e-14
-"""A violation nearer than this, in weights, is found."""
+_OVER, _ROOT = 1e-9, 1e-14
+"""What is more than this, in weights, is a violation; one nearer than this is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,24 +127,56 @@ class SinglePatch:
 
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
-        columns, rows, end = np.ascontiguousarray(demand.T), np.arange(len(top)), top.copy()
-        steps = np.linspace(0, 1, _COARSE + 1)[:, None] * top
-        # Just inside the edge: at the edge the normal force may be 0.
+        columns, end = np.ascontiguousarray(demand.T), top.copy()
+        found = self._bracketed if len(top) > _FEW else self._bracketed_at_once
+        rows, low, high, f_high = found(columns, top)
+        if len(rows):
+            some = columns.take(rows, axis=1)
+            end[rows] = self._root(some, low, self._excess(some, low), high, f_high)
+        return end
+
+    def _steps(self, top: Array) -> Array:
+        """(_COARSE, Q) t of all steps; the last just inside the edge, where the normal force may be 0."""
+        steps = np.linspace(0, 1, _COARSE + 1)[1:, None] * top
         steps[-1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
-        found = np.empty_like(steps)
-        if len(top) <= _FEW:
-            found[:] = self._excess(np.tile(columns, len(steps)), steps.ravel()).reshape(steps.shape)
-        for step in range(_COARSE + 1):
-            if len(top) > _FEW:
-                found[step, rows] = self._excess(columns[:, rows], steps[step, rows])
-            over = found[step, rows] > 1e-9
-            hit, rows = (rows[over], rows[~over]) if step else (rows[:0], rows)
-            if len(hit):
-                before = steps[step - 1, hit], found[step - 1, hit]
-                end[hit] = self._root(columns[:, hit], *before, steps[step, hit], found[step, hit])
+        return steps
+
+    def _bracketed_at_once(self, columns: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
+        """As `_bracketed`, of few loads: all steps in one array operation."""
+        steps = self._steps(top)
+        found = self._excess(np.tile(columns, len(steps)), steps.ravel()).reshape(steps.shape)
+        over = found > _OVER
+        rows = np.flatnonzero(over.any(axis=0))
+        first = over.argmax(axis=0)[rows]
+        low = np.where(first > 0, steps[first - 1, rows], 0.0)
+        return rows, low, steps[first, rows], found[first, rows]
+
+    def _bracketed(self, columns: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
+        """Between which steps (R,) friction is exhausted first, and the excess at the second, of those loads (R,)."""
+        rows, steps, low = np.arange(len(top)), self._steps(top), np.zeros(len(top))
+        found = []
+        for step in range(_COARSE):
+            t = steps[step].take(rows)
+            near = np.flatnonzero(self._near_slip(columns, t))
+            excess = self._excess(columns.take(near, axis=1), t.take(near))
+            over = excess > _OVER
+            hit = near[over]
+            found.append((rows[hit], low[hit], t[hit], excess[over]))
+            left = np.ones(len(rows), dtype=bool)
+            left[hit] = False
+            rows, low, columns = rows[left], t[left], columns.compress(left, axis=1)
             if not len(rows):
                 break
-        return end
+        rows, low, high, f_high = (np.concatenate(each) for each in zip(*found, strict=True))
+        return rows, low, high, f_high
+
+    def _near_slip(self, demand: Array, t: Array) -> Mask:
+        """(Q,) whether `_excess` may be above 0: the friction of a force and that of a moment do not fit side by side."""
+        supply = self._rest[:, None] * (1 - t) + demand * t
+        normal = np.maximum(supply[0], 1e-12 * self._weight)
+        turning = np.abs(self._moment(supply.T, normal)) / self._friction.surface.radius
+        flat = np.sqrt(supply[3] * supply[3] + supply[4] * supply[4])
+        return np.asarray(flat + turning > 0.99 * self._mu * normal)
 
     def _root(self, demand: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
         """(Q,) the last t found with no `_excess`, between one (Q,) without and one with it."""
