@@ -10,7 +10,6 @@ from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness.convexity import upper_planes
 from poise.assembly.robustness.folded_pushes import FoldedPushes
 from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor, Mechanism
-from poise.assembly.statics.patch import PatchProgram
 from poise.geometry import plane_axes, wrench_of_force
 from poise.types import Array, Indices, Mask
 
@@ -115,23 +114,20 @@ class Pool:
     def _asked(self, body: int, wrenches: Array) -> list[float]:
         """(n,) inverse load factors of wrenches (n, 6) on a body of the block; their mechanisms join the pool."""
         loads = np.array([self.load(body, wrench) for wrench in wrenches])
-        patch = self.block.solvers.patch if self.with_patch else None
         limits: Sequence[InverseLoadFactor | None] = [None] * len(loads)
-        if self.with_limit or patch is None:
+        if self.with_limit or self.block.solvers.patch is None:
             limits = self.block.solvers.rough_limit.each(loads)
         rows = zip(wrenches, loads, limits, strict=True)
-        return [self._weaker(body, wrench, load, limit, patch) for wrench, load, limit in rows]
+        return [self._weaker(body, wrench, load, limit) for wrench, load, limit in rows]
 
-    def _weaker(
-        self, body: int, wrench: Array, load: Array, limit: InverseLoadFactor | None, patch: PatchProgram | None
-    ) -> float:
+    def _weaker(self, body: int, wrench: Array, load: Array, limit: InverseLoadFactor | None) -> float:
         """Inverse load factor of one load (6 n,) by limit analysis, whose answer is given, and by patches."""
-        value = 0.0
+        patch, value = self.block.solvers.patch if self.with_patch else None, 0.0
         if limit is not None:
             self._keep(limit.twist)
             self.answers[body, wrench.tobytes()] = Programs(limit)
             value = limit.upper
-            if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
+            if limit.multipliers is not None and patch is not None and patch.allows(limit.multipliers):
                 return value
         if patch is None:
             return value
@@ -310,10 +306,11 @@ def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
     """
     count = len(region.rows)
     wanted = np.unique(np.linspace(0, count - 1, min(count, _ROUND)).astype(int))
-    axes = region.pool.inverse_factors(region.body, np.kron(np.eye(6), [[1.0], [-1.0]]))
-    if len(axes) < 12:
+    axes = np.repeat(np.eye(6), 2, axis=0) * np.tile([1.0, -1.0], 6)[:, None]
+    along = region.pool.inverse_factors(region.body, axes)
+    if len(along) < len(axes):
         return False
-    rest = axes.reshape(6, 2)
+    rest = along.reshape(6, 2)
     while True:
         found = region.solve(wanted)
         region.learn()

@@ -177,7 +177,7 @@ class SinglePatch:
         return rows, low, high, f_high
 
     def _near_slip(self, demand: Array, t: Array) -> Mask:
-        """(Q,) whether `_excess` may be above 0: the friction of a force and that of a moment do not fit side by side."""
+        """(Q,) whether `_excess` may be above 0: friction for the force and for the moment, one by one, is too much."""
         supply = self._rest[:, None] * (1 - t) + demand * t
         normal = np.maximum(supply[0], 1e-12 * self._weight)
         turning = np.abs(self._moment(supply, normal)) / self._friction.surface.radius
