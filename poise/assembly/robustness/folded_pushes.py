@@ -47,7 +47,8 @@ class FoldedPushes:
         for number, symmetry in enumerate(symmetries):
             reach = places @ (_TOWARDS @ symmetry.turn)  # of the images
             better = reach > most + _EQUAL * units.length
-            most[better], folded[better] = reach[better], number
+            np.copyto(most, reach, where=better)
+            folded[better] = number
         for number, symmetry in enumerate(symmetries):
             part = np.flatnonzero(folded == number)
             points[part] = units.origin + symmetry.vectors(places[part])

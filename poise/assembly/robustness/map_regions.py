@@ -153,14 +153,18 @@ class Pool:
 
     def _carried_back(self, region: "Region") -> Indices:
         """(n,) number of the mechanism that bounds each point, where the region has those of its image."""
-        mechanisms, found = self.bounds.mechanisms, region.mechanism.copy()
-        pairs = {*zip(found.tolist(), region.folded.tolist(), strict=True)}
-        for number, which in sorted(pair for pair in pairs if min(pair) >= 0):
+        mechanisms, count = self.bounds.mechanisms, int(region.folded.max()) + 2
+        pair = (region.mechanism + 1) * count + region.folded + 1
+        images = np.repeat(np.arange(-1, len(mechanisms)), count)  # of each pair
+        for each in np.flatnonzero(np.bincount(pair)).tolist():
+            number, which = each // count - 1, each % count - 1
+            if min(number, which) < 0:
+                continue
             if (number, which) not in self._images:
                 self._images[number, which] = len(mechanisms)
                 mechanisms.append(mechanisms[number].image(self.block.solvers.symmetries[which].inverse))
-            found[(region.mechanism == number) & (region.folded == which)] = self._images[number, which]
-        return found
+            images[each] = self._images[number, which]
+        return np.asarray(images[pair])
 
     def _keep(self, twist: Array) -> None:
         self.bounds.solves += 1
