@@ -124,73 +124,72 @@ class SinglePatch:
         fastest = (rates.T @ demand[:3]).max(axis=0)
         return np.where(fastest > UNLIMITED, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
 
-    def _excess(self, demand: Array, t: Array) -> Array:
-        """(Q,) normal force wanting for friction, in weights, at rest (1 - t) + demand t; demand (6, Q)."""
-        supply = self._rest[:, None] * (1 - t) + demand * t
+    def _excess(self, way: Array, t: Array) -> Array:
+        """(Q,) normal force wanting for friction, in weights, at rest + way t; way (6, Q)."""
+        supply = self._supply(way, t)
         normal = np.maximum(supply[0], 1e-12 * self._weight)
         needed = self._friction.surface.normal_force_needed(supply[3:5].T, self._moment(supply, normal))
         return np.asarray((needed - self._mu * normal) / self._weight)
 
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none; demand (6, Q)."""
-        end = top.copy()
+        end, way = top.copy(), demand - self._rest[:, None]
         found = self._bracketed if len(top) > _FEW else self._bracketed_at_once
-        rows, low, high, f_high = found(demand, top)
+        rows, low, high, f_high = found(way, top)
         if len(rows):
-            some = demand.take(rows, axis=1)
+            some = way.take(rows, axis=1)
             end[rows] = self._root(some, low, self._excess(some, low), high, f_high)
         return end
 
-    def _steps(self, top: Array) -> Array:
-        """(_COARSE, Q) t of all steps; the last just inside the edge, where the normal force may be 0."""
-        steps = np.linspace(0, 1, _COARSE + 1)[1:, None] * top
-        steps[-1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
-        return steps
-
-    def _bracketed_at_once(self, demand: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
+    def _bracketed_at_once(self, way: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
         """As `_bracketed`, of few loads: all steps in one array operation."""
-        steps = self._steps(top)
-        found = self._excess(np.tile(demand, len(steps)), steps.ravel()).reshape(steps.shape)
+        steps = np.linspace(0, 1, _COARSE + 1)[1:, None] * top
+        steps[-1] = _just_inside(top)
+        found = self._excess(np.tile(way, len(steps)), steps.ravel()).reshape(steps.shape)
         over = found > _OVER
         rows = np.flatnonzero(over.any(axis=0))
         first = over.argmax(axis=0)[rows]
         low = np.where(first > 0, steps[first - 1, rows], 0.0)
         return rows, low, steps[first, rows], found[first, rows]
 
-    def _bracketed(self, demand: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
+    def _bracketed(self, way: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
         """Between which steps (R,) friction is exhausted first, and the excess at the second, of those loads (R,)."""
-        rows, steps, low = np.arange(len(top)), self._steps(top), np.zeros(len(top))
-        found = []
-        for step in range(_COARSE):
-            t = steps[step].take(rows)
-            near = np.flatnonzero(self._near_slip(demand, t))
-            excess = self._excess(demand.take(near, axis=1), t.take(near))
+        rows, low, found = np.arange(len(top)), np.zeros(len(top)), []
+        for share in np.linspace(0, 1, _COARSE + 1)[1:].tolist():
+            t = share * top if share < 1 else _just_inside(top)
+            near = np.flatnonzero(self._near_slip(way, t))
+            excess = self._excess(way.take(near, axis=1), t.take(near))
             over = excess > _OVER
             hit = near[over]
             found.append((rows[hit], low[hit], t[hit], excess[over]))
             left = np.ones(len(rows), dtype=bool)
             left[hit] = False
-            rows, low, demand = rows[left], t[left], demand.compress(left, axis=1)
+            rows, low, top, way = rows[left], t[left], top[left], way.compress(left, axis=1)
             if not len(rows):
                 break
         rows, low, high, f_high = (np.concatenate(each) for each in zip(*found, strict=True))
         return rows, low, high, f_high
 
-    def _near_slip(self, demand: Array, t: Array) -> Mask:
+    def _supply(self, way: Array, t: Array) -> Array:
+        supply = way * t
+        supply += self._rest[:, None]
+        return supply
+
+    def _near_slip(self, way: Array, t: Array) -> Mask:
         """(Q,) whether `_excess` may be above 0: friction for the force and for the moment, one by one, is too much."""
-        supply = self._rest[:, None] * (1 - t) + demand * t
+        supply = self._supply(way, t)
         normal = np.maximum(supply[0], 1e-12 * self._weight)
         turning = np.abs(self._moment(supply, normal)) / self._friction.surface.radius
         flat = np.sqrt(supply[3] * supply[3] + supply[4] * supply[4])
         return np.asarray(flat + turning > 0.99 * self._mu * normal)
 
-    def _root(self, demand: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
+    def _root(self, way: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
         """(Q,) the last t found with no `_excess`, between one (Q,) without and one with it."""
         end, rows = low.copy(), np.arange(len(low))
         for _ in range(_FINE):  # Illinois regula falsi
             middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
             middle = np.clip(middle, low, high)
-            f_middle = self._excess(demand[:, rows], middle)
+            f_middle = self._excess(way.take(rows, axis=1), middle)
             above = f_middle > 0
             f_low = np.where(above, f_low / 2, f_middle)
             f_high = np.where(above, f_middle, f_high / 2)
@@ -221,6 +220,11 @@ class SinglePatch:
             velocity = np.zeros(3)
             pivot = self._friction.centroid + offset[edge] * inward[edge] @ self._axes
         return np.concatenate([velocity - cross(angular, pivot), angular])
+
+
+def _just_inside(top: Array) -> Array:
+    """(Q,) the last t that is looked at: at the edge the normal force may be 0."""
+    return np.where(top < 1, top * (1 - 1e-9), 1.0)
 
 
 def hull_edges(points: Array) -> tuple[Array, Array]:
