@@ -15,8 +15,9 @@ from poise.types import Array, Indices, Mask
 _COARSE, _FINE = 8, 9
 _FEW = 50
 """Loads up to which all steps are one array operation; of more, those after the first violation are left out."""
-_OVER, _ROOT = 1e-9, 1e-14
-"""What is more than this, in weights, is a violation; one nearer than this is found."""
+_OVER, _ROOT, _FAR = 1e-9, 1e-14, 0.99
+"""What is more than this, in weights, is a violation; one nearer than this is found. A load is far from one where a
+simple bound of the friction it needs is below this share of what there is: the table of friction errs by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +182,7 @@ class SinglePatch:
         normal = np.maximum(supply[0], 1e-12 * self._weight)
         turning = np.abs(self._moment(supply, normal)) / self._friction.surface.radius
         flat = np.sqrt(supply[3] * supply[3] + supply[4] * supply[4])
-        return np.asarray(flat + turning > 0.99 * self._mu * normal)
+        return np.asarray(flat + turning > _FAR * self._mu * normal)
 
     def _root(self, way: Array, low: Array, f_low: Array, high: Array, f_high: Array) -> Array:
         """(Q,) the last t found with no `_excess`, between one (Q,) without and one with it."""
