@@ -270,10 +270,13 @@ def bound_flat(
             for part in chunks(len(plane)):
                 region.upper[part] = np.minimum(region.upper[part], _heights(planes, plane[part]).max(axis=0))
         rows = np.flatnonzero(region.open(tolerance, floor))
-        facet = rows % _ROUND if planes is None else _heights(planes, plane[rows]).argmax(axis=0)
-        wanted = _widest(region, rows, facet)
-        if not len(wanted):
+        if not len(rows):
             return True
+        facet = rows % _ROUND
+        if planes is not None:
+            for part in chunks(len(rows)):
+                facet[part] = _heights(planes, plane[rows[part]]).argmax(axis=0)
+        wanted = _widest(region, rows, facet)
         found = region.solve(wanted)
         region.learn()
         if len(found) < len(wanted):
@@ -292,8 +295,6 @@ def _heights(planes: Array, points: Array) -> Array:
 
 def _widest(region: Region, rows: Indices, facet: Indices) -> Indices:
     """For each facet (r,) of the upper bound with points (r,) still open, the one with the widest gap."""
-    if not len(rows):
-        return rows
     gap = region.upper[rows] - np.maximum(region.lower[rows], region.pool.bounds.lower[region.rows[rows]])
     widest = np.full(int(facet.max()) + 1, -np.inf)
     np.maximum.at(widest, facet, gap)
