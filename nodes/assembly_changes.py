@@ -72,6 +72,8 @@ def _require_setting(message: AssemblyMessage, assembly: Assembly) -> None:
         what = f"gravity {gravity} for {assembly.gravity}"
     elif message.friction not in (NOT_GIVEN, assembly.friction):
         what = f"friction {message.friction:g} for {assembly.friction}"
+    elif message.friction_std not in (0.0, assembly.friction_deviation):
+        what = f"friction_std {message.friction_std:g} for {assembly.friction_deviation:g}"
     elif message.rolling not in (NOT_GIVEN, assembly.rolling):
         what = f"rolling {message.rolling:g} for {assembly.rolling:g}"
     else:

@@ -63,6 +63,7 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
         None if message.friction == NOT_GIVEN else message.friction,
         pairs_of(message),
         ROLLING if message.rolling == NOT_GIVEN else message.rolling,
+        message.friction_std,
     )
 
 
@@ -214,7 +215,8 @@ def scene_of_node(scene: str) -> Assembly:
 def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
     """Turn an assembly into a message; meshes are sent in full, or by their package:// URI."""
     friction = NOT_GIVEN if assembly.friction is None else float(assembly.friction)
-    message = AssemblyMessage(friction=friction, rolling=float(assembly.rolling))
+    deviation = float(assembly.friction_deviation)
+    message = AssemblyMessage(friction=friction, friction_std=deviation, rolling=float(assembly.rolling))
     message.header.frame_id = frame_id
     gravity = message.gravity
     gravity.x, gravity.y, gravity.z = np.asarray(assembly.gravity).tolist()

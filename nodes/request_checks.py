@@ -91,6 +91,7 @@ def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
         check_range("gravity", math.hypot(*gravity))
     if message.friction != -1.0:
         check_range("friction", message.friction)
+    check_range("friction", message.friction_std, "friction_std: ")
     _check_rolling(message.rolling)
     for pair in message.friction_pairs:
         where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}: "

@@ -75,7 +75,7 @@ class World:
         gravity: (3,) m/s2 in the frame of the assembly.
         friction, pairs: of the assembly; pairs of objects that do not stand are kept for when they do.
         newest_event, newest_scan: ns, stamps of the newest grasp event and of the newest scan.
-        rolling: of the assembly.
+        rolling, friction_deviation: of the assembly.
     """
 
     frame: str
@@ -87,6 +87,7 @@ class World:
     newest_event: int = 0
     newest_scan: int = 0
     rolling: float = ROLLING
+    friction_deviation: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", MappingProxyType(dict(self.objects)))
@@ -98,7 +99,8 @@ class World:
         if not any(item.fixed for item in items.values()):
             return None
         pairs = tuple(pair for pair in self.pairs if all(name in items for name in pair.objects))
-        return Assembly(tuple(items.values()), self.gravity, self.friction, pairs, self.rolling)
+        settings = self.gravity, self.friction, pairs, self.rolling, self.friction_deviation
+        return Assembly(tuple(items.values()), *settings)
 
     @property
     def held(self) -> KnownObject | None:
@@ -136,6 +138,7 @@ class World:
             friction=assembly.friction,
             pairs=tuple(pairs.values()),
             rolling=assembly.rolling,
+            friction_deviation=assembly.friction_deviation,
         )
 
     def scanned(self, item: RigidObject, stamp: int, notes: Sequence[str] = ()) -> "World":

@@ -68,6 +68,7 @@ def _content(world: World) -> dict[str, Any]:
         "friction": world.friction,
         "pairs": [[*pair.objects, pair.coefficient, pair.deviation, pair.rolling] for pair in world.pairs],
         "rolling": world.rolling,
+        "friction_deviation": world.friction_deviation,
         "newest": [world.newest_event, world.newest_scan],
         "objects": [
             {
@@ -134,4 +135,5 @@ def _read(content: dict[str, Any]) -> World:
         newest_event,
         newest_scan,
         content.get("rolling", ROLLING),
+        content.get("friction_deviation", 0.0),
     )

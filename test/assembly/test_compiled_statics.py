@@ -45,6 +45,18 @@ def loads(size: int, count: int) -> Array:
     return np.random.default_rng(size).normal(size=(count, size))
 
 
+def test_loads_that_are_asked_together_are_answered_as_one_by_one(block) -> None:
+    given = loads(6 * block.geometry.count, 5)
+    given[3] = 0.0
+    for some in (given, given[:3]):
+        for load, found in zip(some, block.solvers.limit.each(some), strict=True):
+            alone = block.solvers.limit.inverse_factor(load)
+            assert (found.value, found.upper) == (alone.value, alone.upper)
+            assert np.array_equal(found.twist, alone.twist)
+            assert (found.multipliers is None) == (alone.multipliers is None)
+            assert found.multipliers is None or np.array_equal(found.multipliers, alone.multipliers)
+
+
 @pytest.mark.parametrize("program", ["limit", "patch"])
 def test_collapse_loads_are_those_of_clarabel(block, program: str, monkeypatch: pytest.MonkeyPatch) -> None:
     solver = getattr(block.solvers, program)

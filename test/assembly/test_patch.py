@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import G, box, on_floor
 from scipy.optimize import brentq
 
-from poise.assembly import Analysis, Cylinder, Push, RigidObject, assess
+from poise.assembly import Analysis, Box, Cylinder, Push, RigidObject, assess
 from poise.assembly.contact.contacts import find_interfaces
 from poise.assembly.statics.friction_surface import FrictionSurface, patch_friction
 from poise.assembly.statics.patch import PatchProgram
@@ -183,3 +183,17 @@ def test_a_push_through_the_centre_slides_at_the_friction_in_each_direction():
     for asked in (pushes, pushes[7:8]):
         for result in assess(analysis, asked).results:
             assert result.robustness == pytest.approx(1.5 * G * 0.4, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", [Box((1.0, 0.3, 0.2)), Cylinder(0.3, 0.5)])
+def test_many_loads_collapse_at_what_few_do(shape):
+    """Of many loads those far from slipping are not looked at closely."""
+    item = RigidObject(
+        "one", shape, Pose(np.eye(3), np.array([2.0, 1.0, 0.1 if isinstance(shape, Box) else 0.25])), mass=1
+    )
+    patch = Analysis.of(on_floor(item)).blocks[0].solvers.single_patch
+    loads = np.random.default_rng(3).normal(size=(240, 6)) * [1, 1, 3, 2, 2, 2]
+    many, few = patch.collapse(loads), [patch.collapse(some) for some in np.split(loads, 8)]
+    np.testing.assert_allclose(many.factor, np.concatenate([each.factor for each in few]), rtol=1e-11)
+    assert np.array_equal(many.slips, np.concatenate([each.slips for each in few]))
+    assert 0.2 < many.slips.mean() < 0.95

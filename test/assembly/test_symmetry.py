@@ -53,6 +53,9 @@ def largest(assembly: Assembly):
         (tables(3), 3),
         (ring(4), 7),
         (ring(3), 5),  # contacts count, not the shape of the lid
+        (on_floor(box("cube", (1, 1, 1), (3, 2, 0.5))), 7),  # one interface, on the axis
+        (turned(on_floor(box("slab", (2, 1, 0.2), (3, 2, 0.1))), 0.4), 3),
+        (on_floor(box("low", (1, 1, 1), (0, 0, 0.5)), box("high", (1, 1, 1), (0.2, 0, 1.5))), 1),
     ],
 )
 def test_turns_and_mirrorings_of_a_block_are_found(scene, count):
@@ -131,12 +134,15 @@ def test_first_to_move_is_mirrored_with_the_direction():
     assert first == second
 
 
-def test_maps_of_mirrored_points_are_those_asked_one_by_one(monkeypatch):
-    scene = tables(3)
-    found = robustness_map(scene, 600)
+STACK = on_floor(*(box(f"c{k}", (1, 1, 1), (0.1, 0.2, 0.5 + k)) for k in range(2)))
+
+
+@pytest.mark.parametrize(("scene", "points", "share"), [(tables(3), 600, 0.7), (STACK, 4000, 0.3)])
+def test_maps_of_mirrored_points_are_those_asked_one_by_one(scene, points, share, monkeypatch):
+    found = robustness_map(scene, points)
     monkeypatch.setattr(BlockSolvers, "symmetries", ())
-    each = robustness_map(scene, 600)
-    assert found.solves < 0.7 * each.solves
+    each = robustness_map(scene, points)
+    assert found.solves < share * each.solves
     both = np.isfinite(found.upper) & np.isfinite(each.upper)
     assert np.median(np.abs(found.upper[both] / each.upper[both] - 1)) < 0.01
     assert np.all(found.lower <= 1.05 * each.upper)

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from assembly_calls import CUBE, FLOOR, FRAME, LID, box, message
 
-from poise.assembly import Assembly, FrictionPair, Push, write_scene
-from poise.assembly.scene import pose_covariance_of
+from poise.assembly import Assembly, FrictionPair, Push, assess_settled, settle, write_scene
+from poise.assembly.scene import pose_covariance_of, scene_content
 from poise.assembly.statics import NO_DEADLINE
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_about
@@ -42,6 +43,19 @@ def test_rolling_and_the_covariance_of_a_pose_survive_the_message():
     )
     np.testing.assert_array_equal(back.objects[1].pose_covariance, STD)
     assert back.objects[2].pose_covariance is None
+
+
+def test_the_uncertain_masses_and_friction_of_a_scene_file_survive_the_message(tmp_path):
+    content = scene_content(Assembly((FLOOR, CUBE))) | {"mass_std": 0.1, "friction_deviation": 0.05}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
+    there = scene_of_node(str(tmp_path / "scene.yaml"))
+    sent = assembly_message(there, FRAME)
+    check_assembly(sent)
+    back = assembly_of(sent)
+    assert back.friction_deviation == sent.friction_std == 0.05
+    assert back.objects[1].covariance[0, 0] == pytest.approx((0.1 * CUBE.mass) ** 2)
+    answer = assess_settled(settle(back), [Push("cube", (-0.5, 0, 0.5), (1, 0, 0))], samples=2)
+    assert answer.taken_as_exact == ()
 
 
 def test_a_scene_file_of_a_node_keeps_its_rolling(tmp_path):

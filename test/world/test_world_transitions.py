@@ -198,8 +198,9 @@ def test_the_file_gives_the_same_world_back_and_says_that_the_hand_was_not_verif
         )  # fmt: skip
     assert again.objects["cup"].notes == ("seen from above",)
     assert "not verified" in again.held.notes[-1]
-    save_world(replace(again, rolling=0.01), tmp_path / "world")
-    assert load_world(tmp_path / "world").assembly.rolling == 0.01
+    save_world(replace(again, rolling=0.01, friction_deviation=0.05), tmp_path / "world")
+    read = load_world(tmp_path / "world").assembly
+    assert (read.rolling, read.friction_deviation) == (0.01, 0.05)
     assert len(load_world(tmp_path / "world").held.notes) == 1
     assert again.released("can", CAN.pose, 4 * S).assembly.friction_between("cube", "can") == 0.3
 

@@ -50,12 +50,14 @@ def sample_surface(structure: Structure, count: int) -> SurfacePoints:
     steps = np.arange(tries) + 0.5
     which = np.minimum(np.searchsorted(ends, steps * (ends[-1] / tries)), len(triangles) - 1)
     # Powers of the inverse plastic number: the low-discrepancy sequence of Roberts (2018), folded into the triangle.
-    square = np.stack([steps * 0.7548776662466927, steps * 0.5698402909980532], axis=1) % 1.0
-    square = np.where(square.sum(axis=1, keepdims=True) > 1, 1 - square, square)
-    first, second, third = np.moveaxis(triangles[which], 1, 0)
-    points = first + square[:, :1] * (second - first) + square[:, 1:] * (third - first)
-    free = ~_covered(structure, points, place[which])
-    return SurfacePoints(place[which][free], points[free], -normal[which][free])
+    square = np.stack([steps * 0.7548776662466927, steps * 0.5698402909980532])
+    square -= np.floor(square)
+    x, y = np.where(square[0] + square[1] > 1, 1 - square, square)[:, :, None]
+    first, second, third = np.moveaxis(triangles, 1, 0)
+    points = first[which] + x * (second - first)[which] + y * (third - first)[which]
+    free = np.flatnonzero(~_covered(structure, points, place[which]))
+    which = which[free]
+    return SurfacePoints(place[which], points[free], -normal[which])
 
 
 def _covered(structure: Structure, points: Array, place: Indices) -> Mask:

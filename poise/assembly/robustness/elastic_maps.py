@@ -59,7 +59,15 @@ class _ElasticPool(Pool):
         times = images if len(region.rows) <= images * _FEW_POINTS else 1
         self.deadline = _Ration(self._clock.at, [times * (_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS)])
 
-    def inverse_factor(self, body: int, wrench: Array) -> float:
+    def inverse_factors(self, body: int, wrenches: Array) -> Array:
+        values: list[float] = []
+        for wrench in wrenches:
+            if self.deadline.passed:
+                break
+            values.append(self._inverse_factor(body, wrench))
+        return np.array(values)
+
+    def _inverse_factor(self, body: int, wrench: Array) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
         if isinstance(self.deadline, _Ration):
             self.deadline.left[0] -= 1
@@ -101,8 +109,9 @@ class _ElasticPool(Pool):
         known = self._known.upper[rows]
         if self._least < 1:
             middle = int(np.abs(region.wrenches - region.wrenches.mean(axis=0)).sum(axis=1).argmin())
-            if not (region.solved[middle] or self._clock.passed):
-                region.solve(middle)
+            if not region.solved[middle]:
+                self.deadline = self._clock
+                region.solve(np.array([middle]))
             with np.errstate(divide="ignore"):
                 least = np.maximum(known, self._floor) / self._least
             region.upper = np.where(region.solved, region.values, np.maximum(region.upper, least))

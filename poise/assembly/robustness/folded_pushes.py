@@ -13,6 +13,8 @@ _TOWARDS = np.array([0.7548776662466927, 0.5698402909980532, 0.0])
 """Of the images of a point the one that reaches farthest along this is taken: the same part of the surface for all."""
 _EQUAL = 1e-9
 """... if by more than this, per length of the block."""
+_MANY = 1000
+"""Pushes on a body on one interface for which symmetries are worth looking for: few are answered in less time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +40,18 @@ class FoldedPushes:
         units, body = block.geometry.units, block.bodies_of(surface.place[rows])
         points, directions = surface.points[rows], surface.directions[rows]
         scaled, folded = units.of_wrench(wrenches[rows]), np.full(len(rows), -1)
-        most = (points - units.origin) @ _TOWARDS
-        for number, symmetry in enumerate(block.solvers.symmetries):
-            images = units.origin + symmetry.vectors(surface.points[rows] - units.origin)
-            reach = (images - units.origin) @ _TOWARDS
+        places = points - units.origin
+        most = places @ _TOWARDS
+        worth = len(rows) >= _MANY or not block.geometry.statically_determinate
+        symmetries = block.solvers.symmetries if worth else ()
+        for number, symmetry in enumerate(symmetries):
+            reach = places @ (_TOWARDS @ symmetry.turn)  # of the images
             better = reach > most + _EQUAL * units.length
-            most[better], points[better], folded[better] = reach[better], images[better], number
-        for number, symmetry in enumerate(block.solvers.symmetries):
-            part = folded == number
+            np.copyto(most, reach, where=better)
+            folded[better] = number
+        for number, symmetry in enumerate(symmetries):
+            part = np.flatnonzero(folded == number)
+            points[part] = units.origin + symmetry.vectors(places[part])
             body[part] = symmetry.bodies[body[part]]
             directions[part], scaled[part] = symmetry.vectors(directions[part]), symmetry.wrenches(scaled[part])
         return cls(body, points, directions, scaled, folded)

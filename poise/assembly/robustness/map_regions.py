@@ -1,6 +1,6 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,8 @@ _ROUND = 96
 _MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
 ROW_CHUNK = 20_000
+_AT_ONCE = 64
+"""Bodies of the loads that a block is asked about between two looks at the deadline: some milliseconds."""
 
 
 def chunks(count: int) -> Iterator[slice]:
@@ -99,18 +101,36 @@ class Pool:
     numbers: list[int] = field(default_factory=list)
     _images: dict[tuple[int, int], int] = field(default_factory=dict)
 
-    def inverse_factor(self, body: int, wrench: Array) -> float:
-        """Inverse load factor of a wrench (6,) on a body of the block; its mechanisms join the pool."""
-        load = self.load(body, wrench)
-        patch = self.block.solvers.patch if self.with_patch else None
-        value, limit = 0.0, None
-        if self.with_limit or patch is None:
-            limit = self.block.solvers.rough_limit.inverse_factor(load)
+    def inverse_factors(self, body: int, wrenches: Array) -> Array:
+        """(k <= n,) inverse load factors of wrenches (n, 6) on a body of the block, as far as there is time."""
+        values: list[float] = []
+        step = max(1, _AT_ONCE // self.block.geometry.count)
+        for start in range(0, len(wrenches), step):
+            if self.deadline.passed:
+                break
+            values += self._asked(body, wrenches[start : start + step])
+        return np.array(values)
+
+    def _asked(self, body: int, wrenches: Array) -> list[float]:
+        """(n,) inverse load factors of wrenches (n, 6) on a body of the block; their mechanisms join the pool."""
+        loads = np.array([self.load(body, wrench) for wrench in wrenches])
+        limits: Sequence[InverseLoadFactor | None] = [None] * len(loads)
+        if self.with_limit or self.block.solvers.patch is None:
+            limits = self.block.solvers.rough_limit.each(loads)
+        rows = zip(wrenches, loads, limits, strict=True)
+        return [self._weaker(body, wrench, load, limit) for wrench, load, limit in rows]
+
+    def _weaker(self, body: int, wrench: Array, load: Array, limit: InverseLoadFactor | None) -> float:
+        """Inverse load factor of one load (6 n,) by limit analysis, whose answer is given, and by patches."""
+        patch, value = self.block.solvers.patch if self.with_patch else None, 0.0
+        if limit is not None:
             self._keep(limit.twist)
             self.answers[body, wrench.tobytes()] = Programs(limit)
             value = limit.upper
-            if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
+            if limit.multipliers is not None and patch is not None and patch.allows(limit.multipliers):
                 return value
+        if patch is None:
+            return value
         resting = patch.resting.inverse_factor(load, value)
         self._keep(resting.twist)
         if limit is not None:
@@ -133,14 +153,18 @@ class Pool:
 
     def _carried_back(self, region: "Region") -> Indices:
         """(n,) number of the mechanism that bounds each point, where the region has those of its image."""
-        mechanisms, found = self.bounds.mechanisms, region.mechanism.copy()
-        pairs = {*zip(found.tolist(), region.folded.tolist(), strict=True)}
-        for number, which in sorted(pair for pair in pairs if min(pair) >= 0):
+        mechanisms, count = self.bounds.mechanisms, int(region.folded.max()) + 2
+        pair = (region.mechanism + 1) * count + region.folded + 1
+        images = np.repeat(np.arange(-1, len(mechanisms)), count)  # of each pair
+        for each in np.flatnonzero(np.bincount(pair)).tolist():
+            number, which = each // count - 1, each % count - 1
+            if min(number, which) < 0:
+                continue
             if (number, which) not in self._images:
                 self._images[number, which] = len(mechanisms)
                 mechanisms.append(mechanisms[number].image(self.block.solvers.symmetries[which].inverse))
-            found[(region.mechanism == number) & (region.folded == which)] = self._images[number, which]
-        return found
+            images[each] = self._images[number, which]
+        return np.asarray(images[pair])
 
     def _keep(self, twist: Array) -> None:
         self.bounds.solves += 1
@@ -211,12 +235,13 @@ class Region:
         known = np.maximum(self.lower, self.pool.bounds.lower[self.rows])
         return (self.upper > (1 + tolerance) * known) & (self.upper > floor) & ~self.solved
 
-    def solve(self, index: int) -> float:
-        """Solve one point; what is left between its bounds is the solver's tolerance."""
-        value = self.pool.inverse_factor(self.body, self.wrenches[index])
-        self.solved[index], self.values[index] = True, value
-        self.upper[index] = min(self.upper[index], value)
-        return value
+    def solve(self, points: Indices) -> Array:
+        """Solve points (k,) as far as there is time, and give their values; the solver's tolerance is left between."""
+        values = self.pool.inverse_factors(self.body, self.wrenches[points])
+        done = points[: len(values)]
+        self.solved[done], self.values[done] = True, values
+        self.upper[done] = np.minimum(self.upper[done], values)
+        return values
 
 
 def bound_flat(
@@ -234,43 +259,48 @@ def bound_flat(
     Returns:
         Whether all are bounded to the tolerance before the deadline.
     """
-    places = list(corners)
-    values = []
-    for wrench in corner_wrenches:
-        if region.pool.deadline.passed:
-            return False
-        values.append(region.pool.inverse_factor(region.body, wrench))
+    places, values = corners, region.pool.inverse_factors(region.body, corner_wrenches)
+    if len(values) < len(corners):
+        return False
     region.learn()
     while True:
-        finite = np.isfinite(values)
-        if finite.all():
-            planes = upper_planes(np.array(places), np.array(values))
-            facet = np.empty(len(plane), dtype=np.int64)
+        planes = None  # on the verge of moving nothing is known between points
+        if np.isfinite(values).all():
+            planes = upper_planes(places, values)
             for part in chunks(len(plane)):
-                heights = plane[part] @ planes[:, :2].T + planes[:, 2]
-                facet[part] = heights.argmax(axis=1)
-                region.upper[part] = np.minimum(region.upper[part], heights[np.arange(len(heights)), facet[part]])
-        else:  # on the verge of moving: between points nothing is known
-            facet = np.arange(len(plane)) % _ROUND
-        wanted = _widest(region, facet, tolerance, floor)
-        if not len(wanted):
+                region.upper[part] = np.minimum(region.upper[part], _heights(planes, plane[part]).max(axis=0))
+        rows = np.flatnonzero(region.open(tolerance, floor))
+        if not len(rows):
             return True
-        for index in wanted:
-            if region.pool.deadline.passed:
-                region.learn()
-                return False
-            values.append(region.solve(index))
-            places.append(plane[index])
+        facet = rows % _ROUND
+        if planes is not None:
+            for part in chunks(len(rows)):
+                facet[part] = _heights(planes, plane[rows[part]]).argmax(axis=0)
+        wanted = _widest(region, rows, facet)
+        found = region.solve(wanted)
         region.learn()
+        if len(found) < len(wanted):
+            return False
+        places, values = np.concatenate([places, plane[wanted]]), np.append(values, found)
 
 
-def _widest(region: Region, facet: Indices, tolerance: float, floor: float) -> Indices:
-    """For each facet of the upper bound with points still open, the one with the widest gap."""
-    rows = np.flatnonzero(region.open(tolerance, floor))
+def _heights(planes: Array, points: Array) -> Array:
+    """(F, n) of planes (F, 3) at points (n, 2)."""
+    a, b, c = planes.T[:, :, None]
+    heights = np.asarray(a * points[:, 0])
+    heights += b * points[:, 1]
+    heights += c
+    return heights
+
+
+def _widest(region: Region, rows: Indices, facet: Indices) -> Indices:
+    """For each facet (r,) of the upper bound with points (r,) still open, the one with the widest gap."""
     gap = region.upper[rows] - np.maximum(region.lower[rows], region.pool.bounds.lower[region.rows[rows]])
-    order = np.lexsort((-gap, facet[rows]))
-    _, first = np.unique(facet[rows][order], return_index=True)
-    return rows[order[first]]
+    widest = np.full(int(facet.max()) + 1, -np.inf)
+    np.maximum.at(widest, facet, gap)
+    some = np.flatnonzero(gap == widest[facet])
+    _, first = np.unique(facet[some], return_index=True)
+    return rows[some[first]]
 
 
 def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
@@ -281,20 +311,17 @@ def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
     """
     count = len(region.rows)
     wanted = np.unique(np.linspace(0, count - 1, min(count, _ROUND)).astype(int))
-    axes: list[float] = []
-    for unit in (sign * axis for axis in np.eye(6) for sign in (1.0, -1.0)):
-        if region.pool.deadline.passed:
-            return False
-        axes.append(region.pool.inverse_factor(region.body, unit))
-    rest, values = np.array(axes).reshape(6, 2), np.zeros(count)
+    axes = np.repeat(np.eye(6), 2, axis=0) * np.tile([1.0, -1.0], 6)[:, None]
+    along = region.pool.inverse_factors(region.body, axes)
+    if len(along) < len(axes):
+        return False
+    rest = along.reshape(6, 2)
     while True:
-        for index in wanted:
-            if region.pool.deadline.passed:
-                region.learn()
-                return False
-            values[index] = region.solve(index)
+        found = region.solve(wanted)
         region.learn()
-        _between(region, values, rest)
+        if len(found) < len(wanted):
+            return False
+        _between(region, rest)
         rows = np.flatnonzero(region.open(tolerance, floor))
         if not len(rows):
             return True
@@ -303,9 +330,9 @@ def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
         wanted = np.sort(order[:: max(1, len(order) // _ROUND)])
 
 
-def _between(region: Region, values: Array, rest: Array) -> None:
+def _between(region: Region, rest: Array) -> None:
     """Lower the upper bounds of points by the three solved points nearest in load."""
-    known = np.flatnonzero(region.solved & np.isfinite(values))
+    known = np.flatnonzero(region.solved & np.isfinite(region.values))
     if len(known) < 3 or not np.all(np.isfinite(rest)):
         return
     tree = cKDTree(region.wrenches[known])
@@ -319,7 +346,7 @@ def _between(region: Region, values: Array, rest: Array) -> None:
         weights = np.linalg.solve(square, base @ wrenches[:, :, None])[:, :, 0]
         weights = np.maximum(weights, 0.0)
         left = wrenches - np.einsum("ij,ijk->ik", weights, base)
-        bound = np.einsum("ij,ij->i", weights, values[near])
+        bound = np.einsum("ij,ij->i", weights, region.values[near])
         bound += np.maximum(left, 0) @ rest[:, 0] + np.maximum(-left, 0) @ rest[:, 1]
         region.upper[part] = np.minimum(region.upper[part], bound)
 
@@ -362,7 +389,8 @@ def _rectangle(points: Array, direction: Array) -> tuple[Array, Array, Array]:
     axes = plane_axes(direction)
     origin = points.mean(axis=0)
     plane = (points - origin) @ axes.T
-    low, high = plane.min(axis=0), plane.max(axis=0)
+    columns = np.ascontiguousarray(plane.T)  # of rows this short, the least takes ten times as long
+    low, high = columns.min(axis=1), columns.max(axis=1)
     slack = 1e-6 * max(float((high - low).max()), 1e-6)
     low, high = low - slack, high + slack
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])

@@ -106,9 +106,7 @@ class BlockSolvers:
 
     @cached_property
     def symmetries(self) -> tuple[Symmetry, ...]:
-        """What carries the block into itself, apart from the identity; not looked for where answers are fast anyway."""
-        if self.geometry.statically_determinate:
-            return ()
+        """What carries the block into itself, apart from the identity; looking for it takes one or two milliseconds."""
         return symmetries(self.geometry, self.coulomb.contacts)
 
     @cached_property

@@ -94,3 +94,18 @@ class LoadFactorProgram:
             one = self.inverse_factor(loads[row], float(enough[row]))
             factors.value[row], factors.upper[row], factors.twist[row] = one.value, one.upper, one.twist
         return factors
+
+    def each(self, loads: Array) -> list[InverseLoadFactor]:
+        """`inverse_factor` of each of loads (Q, 6 n); most in one call of the kernel.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        sizes = np.abs(loads).max(axis=1, initial=0.0)
+        if not sizes.all():
+            return [self.inverse_factor(load) for load in loads]
+        found = self._program.solve_all(loads / sizes[:, None], np.zeros(len(loads)))
+        lower, multipliers = np.maximum(found.value * sizes, 0.0), found.multipliers * sizes[:, None]
+        upper = np.maximum(found.upper * sizes, lower).tolist()
+        rows = zip(found.solved.tolist(), loads, lower.tolist(), upper, found.motion, multipliers, strict=True)
+        return [InverseLoadFactor(*known) if solved else self.inverse_factor(load) for solved, load, *known in rows]

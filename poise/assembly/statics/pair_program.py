@@ -107,17 +107,18 @@ class PairSolution:
 
 @dataclass(frozen=True, eq=False)
 class PairSolutions:
-    """`PairSolution` of Q loads, without multipliers.
+    """`PairSolution` of Q loads.
 
     Args:
         solved: (Q,) whether the rest was found.
-        value, upper: (Q,). motion: (Q, 6 n).
+        value, upper: (Q,). motion: (Q, 6 n). multipliers: (Q, 1 + R).
     """
 
     solved: Mask
     value: Array
     upper: Array
     motion: Array
+    multipliers: Array
 
 
 class PairProgram:
@@ -167,26 +168,27 @@ class PairProgram:
             NoAnswerError: SOLVER_FAILED.
         """
         if COMPILED and np.isfinite(load).all():
-            found = self._compiled.solve(load[self.order.entries][None], np.array([enough]))
-            if found.outcome[0] == 0:
-                motion = np.empty_like(load)
-                motion[self.order.entries] = found.motion[0]
-                rows = found.multipliers[0]
-                multipliers = np.concatenate([rows[-1:], rows[self._rows.order]])
+            found = self.solve_all(load[None], np.array([enough]))
+            if found.solved[0]:
                 value, upper = float(found.value[0]), float(found.upper[0])
-                return PairSolution(Outcome.SOLVED, value, upper, motion, multipliers)
+                return PairSolution(Outcome.SOLVED, value, upper, found.motion[0], found.multipliers[0])
         return self._solved_directly(load)
 
     def solve_all(self, loads: Array, enough: Array) -> PairSolutions:
         """Solve for loads (Q, 6 n) in one call of the kernel; what it does not solve is left to `solve`."""
-        finite = np.isfinite(loads).all(axis=1)
-        if not COMPILED or not finite.all():
-            none = np.zeros(len(loads))
-            return PairSolutions(np.zeros(len(loads), dtype=bool), none, none.copy(), np.zeros_like(loads))
+        if not COMPILED or not np.isfinite(loads).all():
+            none, rows = np.zeros(len(loads)), np.zeros((len(loads), 1 + len(self._rows.order)))
+            return PairSolutions(np.zeros(len(loads), dtype=bool), none, none.copy(), np.zeros_like(loads), rows)
         found = self._compiled.solve(loads[:, self.order.entries], enough)
         motion = np.empty_like(loads)
         motion[:, self.order.entries] = found.motion
-        return PairSolutions(found.outcome == 0, found.value, found.upper, motion)
+        multipliers = found.multipliers.take(self._order_of_multipliers, axis=1)
+        return PairSolutions(found.outcome == 0, found.value, found.upper, motion, multipliers)
+
+    @cached_property
+    def _order_of_multipliers(self) -> Indices:
+        """(1 + R,) where the kernel has that of the shared row, and those of the rows in `PairRows.order`."""
+        return np.append(len(self._rows.order), self._rows.order)
 
     def _solved_directly(self, load: Array) -> PairSolution:
         """By Clarabel."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.elastic_contacts import ElasticContacts
-from poise.geometry import cross, plane_axes
+from poise.geometry import cross, lengths, plane_axes
 from poise.types import Array, Indices
 
 _SAME = 1e-8
@@ -94,7 +94,8 @@ class _Springs:
         self._normals = wrenches[self._starts, 0, :3]
         counts = np.diff(np.append(self._starts, len(wrenches)))
         self._centres = np.add.reduceat(self._points, self._starts) / counts[:, None]
-        self._rank = np.argsort(self._interfaces_as(np.eye(3)) @ _GENERIC)
+        self._original = self._interfaces_as(np.eye(3))
+        self._rank = np.argsort(self._original @ _GENERIC)
         self._order = np.lexsort((self._points @ _GENERIC[:3], self._interface))
 
     def _interfaces_as(self, turn: Array) -> Array:
@@ -106,10 +107,16 @@ class _Springs:
         return np.column_stack([self._centres @ turn.T, planes, stiffness])
 
     def turns(self, up: Array) -> Iterator[Array]:
-        """(3, 3) turns and mirrorings that carry an interface, of which there are few alike, into one like it."""
+        """(3, 3) turns and mirrorings that carry an interface, of which there are few alike, into one like it.
+
+        Or a spring, where the axis passes through all interfaces.
+        """
         axes = plane_axes(up)
-        x, y = (self._centres @ axes.T).T
-        height, radius, flat = self._centres @ up, np.hypot(x, y), np.abs(self._normals @ up)
+        places, normals = self._centres, self._normals
+        if (lengths(places - np.outer(places @ up, up)) <= _ON_AXIS).all():
+            places, normals = self._points, normals[self._interface]
+        x, y = (places @ axes.T).T
+        height, radius, flat = places @ up, np.hypot(x, y), np.abs(normals @ up)
         kinds = np.column_stack([height, radius, flat])
         _, group, sizes = np.unique(np.round(kinds, 6), axis=0, return_inverse=True, return_counts=True)
         usable = np.flatnonzero(radius > _ON_AXIS)
@@ -129,9 +136,9 @@ class _Springs:
 
     def symmetry(self, turn: Array) -> Symmetry | None:
         """The symmetry with a turn or mirroring (3, 3); None where the block is another one after it."""
-        moved, original = self._interfaces_as(turn), self._interfaces_as(np.eye(3))
+        moved = self._interfaces_as(turn)
         rank = np.argsort(moved @ _GENERIC)
-        if np.abs(moved[rank] - original[self._rank]).max() > _SAME:
+        if np.abs(moved[rank] - self._original[self._rank]).max() > _SAME:
             return None
         image = np.empty(len(rank), dtype=np.int64)
         image[rank] = self._rank
