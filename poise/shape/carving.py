@@ -101,7 +101,7 @@ class Stone:
         cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
         small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
-        opening = bool(larger) and bare_share(_solid(*cells, self._peeled(reach <= _BALL))) < _SHEETS
+        opening = bool(larger) and self._opens(normals)
         ball = _BALL if opening else max([_BALL, *larger])
         inside = self._peeled(reach <= ball)
         if depth is not None:
@@ -115,6 +115,28 @@ class Stone:
         behind = largest_ball - small_ball if opening else 0.0
         spread = _doubt(self._volume, ball, found.volume, behind)
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
+
+    def closed(self) -> Solid:
+        """What the largest ball that looks for openings leaves."""
+        cells = self._points, self._tetrahedra, self._neighbours
+        return _solid(*cells, self._peeled(self._tree[0] <= _LEAK_BALLS[-1]))
+
+    def _opens(self, normals: Array | None) -> bool:
+        """Whether the ball comes in through an opening, and not through a hole in the sampling.
+
+        The walls around the space behind an opening face it; those of an object have it behind them.
+        """
+        reach = self._tree[0]
+        left = _solid(self._points, self._tetrahedra, self._neighbours, self._peeled(reach <= _BALL))
+        if bare_share(left) >= _SHEETS:
+            return False
+        if normals is None:
+            return True
+        behind = (reach > _BALL) & (reach <= _LEAK_BALLS[-1])
+        corners = self._points[self._tetrahedra[behind]]
+        toward = corners.mean(axis=1)[:, None] - corners
+        facing = np.einsum("tki,tki->t", toward, normals[self._tetrahedra[behind]])
+        return float(facing @ self._volumes[behind]) > 0
 
     def _peeled(self, inside: Mask) -> Mask:
         """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
@@ -159,10 +181,7 @@ def _delaunay(points: Array) -> tuple[Indices, Indices]:
 
 def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
     """The solid of some tetrahedra."""
-    kept = np.flatnonzero(inside)
-    number = np.full(len(tetrahedra) + 1, -1)
-    number[kept] = np.arange(len(kept))
-    return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=0.0)
+    return Solid(points, tetrahedra, neighbours).only(inside)
 
 
 def _doubt(volume: Callable[[float], float], ball: float, kept: float, behind: float) -> float:
