@@ -14,7 +14,7 @@ _LEAST = 0.003
 _THICK = 0.25
 """Cells that a gap is wide at the least: a sheet of flat tetrahedra over a face is none."""
 _BARE = 0.1
-"""Share of a gap's corners that may have nothing behind them, at the most: walls have, and a layer of a plate has not."""
+"""Share of the corners of a gap that may have nothing behind them: walls have, and a layer of a plate has not."""
 
 
 def without_gaps(solid: Solid, air: Array) -> Solid:

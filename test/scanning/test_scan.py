@@ -123,7 +123,7 @@ def test_air_that_views_look_through_is_known_also_from_the_file(tmp_path):
     known = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
     volumes = [known(cloud.points, cloud.colours, air=air).solid.volume for air in (cloud.air, None)]
     assert volumes[0] == pytest.approx(found.segmented().solid.volume, rel=1e-3)
-    assert volumes[0] < 0.99 * volumes[1]
+    assert volumes[0] < 0.998 * volumes[1]
 
 
 def test_the_same_views_give_the_same_cloud():
