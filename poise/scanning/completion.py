@@ -36,10 +36,6 @@ _UNDERSIDE = -0.7
 _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
 """m, one sigma of a bottom around which the surface was seen down to the table, and of anything else; and what each m
 to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
-_SHADOW, _MUCH, _SHADOWS = 0.4, (0.15, 0.2), 4
-"""Where much is hidden: how far inside of a guessed side the surface likely is, over the distance to the nearest point
-that was seen; doubtful shares of the volume from which on, and from which on fully (chosen in the same way as `_FAR`);
-and guessed sides that each cell is compared with."""
 _AIR_NEAR = 3.0
 """Cells from a seen point, within which it is kept where views look through: larger gaps are found without that."""
 _FOOT, _BESIDE = 0.6e-3, 5
@@ -106,18 +102,17 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     air = underside(solid, seen, footprint.floor, low, cell)
     solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
-    outside = _outside(solid, seen, air, footprint.floor, low, cell)
-    sides = outside.normals[:, 2] > _UNDERSIDE
-    shares = float(np.mean(outside.hidden)), float(np.mean(outside.hidden[sides])) if sides.any() else 0.0
-    area = float(np.sum(outside.hidden)) * cell**2
-    doubts = float(outside.off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
-    shadow = _shadow(solid, outside, placed, air, low, cell)
-    shadow[column[:, 0], column[:, 1], column[:, 2]] = False
-    if shadow.any():
-        outside = _outside(solid & ~shadow, seen, air, footprint.floor, low, cell)
-    hidden = outside.hidden
-    thin = outside.points[hidden], outside.normals[hidden], outside.off
-    points, normals, off = _under_thin(*thin, seen, air, low, cell)
+    points, normals = _faces(solid, low, cell)
+    points[points[:, 2] < 0.5 * cell, 2] = 0.0
+    hanging = _on_underside(points, normals, air, low, cell)
+    hidden = ~_seen_already(points, normals, *seen, cell)
+    sides = normals[:, 2] > _UNDERSIDE
+    shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
+    area = float(np.sum(hidden)) * cell**2
+    off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
+    off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
+    doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
+    points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, air, low, cell)
     in_world, free = ((places + np.array([0, 0, plane.offset])) @ axes for places in (points, free))
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
     return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers, free)
@@ -148,61 +143,6 @@ def _carved(
     carved[tuple(index[free].T)] = False
     open_[tuple(index[free & (through >= fewest_views(len(chosen))) & (3 * through > count)].T)] = True
     return carved, open_
-
-
-@dataclass(frozen=True, eq=False)
-class _Outside:
-    """Sides of cells that face outwards.
-
-    Args:
-        points, normals: (F, 3) m, their middles, and (F, 3).
-        hidden: (F,) which were not seen.
-        off: (H,) m, one sigma of where those are.
-    """
-
-    points: Array
-    normals: Array
-    hidden: Mask
-    off: Array
-
-
-def _outside(solid: Mask, seen: tuple[Array, Array], air: Array, floor: float, low: Array, cell: float) -> _Outside:
-    """The sides of the cells that may be object."""
-    points, normals = _faces(solid, low, cell)
-    points[points[:, 2] < 0.5 * cell, 2] = 0.0
-    hanging = _on_underside(points, normals, air, low, cell)
-    hidden = ~_seen_already(points, normals, *seen, cell)
-    off = _doubts(points[hidden], normals[hidden], seen, floor, low, cell)
-    off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
-    return _Outside(points, normals, hidden, off)
-
-
-def _shadow(solid: Mask, outside: _Outside, seen: Array, air: Array, low: Array, cell: float) -> Mask:
-    """Cells that are likely air, although no view looks through them, where much is hidden.
-
-    What is hidden is bounded by the last rays that pass the edges of what was seen: the object is never larger. A
-    convex one fills this shadow; where much is hidden it is more often concave, and the shadow deeper far from edges.
-
-    Args:
-        solid: cells that may be object.
-        outside: their sides.
-        seen: (N, 3) m.
-        air: (X, Y) m, height of the underside, whose faces count as seen.
-        low, cell: as of `underside`.
-    """
-    shadow = np.zeros_like(solid)
-    doubtful = float(outside.off.sum()) / (np.count_nonzero(solid) * cell)
-    share = _SHADOW * float(np.clip((doubtful - _MUCH[0]) / (_MUCH[1] - _MUCH[0]), 0, 1))
-    points = outside.points
-    above = points[:, 2] > air[_columns(points, low, cell, air.shape)] + 1.01 * cell
-    guessed = points[outside.hidden & (above | (outside.normals[:, 2] > _UNDERSIDE))]
-    far = share * cKDTree(seen).query(guessed)[0] if share else np.zeros(0)
-    if not far.max(initial=0.0) > cell / 2:
-        return shadow
-    index = np.argwhere(solid)
-    apart, which = cKDTree(guessed).query(low + cell * (index + 0.5), _SHADOWS, distance_upper_bound=float(far.max()))
-    shadow[tuple(index[(apart < np.append(far, 0.0)[which]).any(axis=1)].T)] = True
-    return shadow
 
 
 def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:

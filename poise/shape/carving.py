@@ -17,6 +17,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
 from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
+from poise.shape.gaps import is_cavity
 from poise.shape.missing import bare_share
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
@@ -91,6 +92,7 @@ class Stone:
                 ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
             ) from error
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
+        self._whole = Solid(points, tetrahedra, neighbours)
         self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
         self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * self.spacing.usual**2
         reach, order, parents = _reach(points, self.spacing.coarseness, tetrahedra, neighbours)
@@ -107,7 +109,7 @@ class Stone:
         if depth is not None:
             inside = self._peeled(reach <= _LARGEST_BALL)
             inside = self._peeled(inside & ~_pockets(*cells, self._tree, inside, ball, depth, normals))
-        found = _solid(*cells, inside)
+        found = self._whole.only(inside)
         if not len(found.tetrahedra):
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
@@ -118,25 +120,15 @@ class Stone:
 
     def closed(self) -> Solid:
         """What the largest ball that looks for openings leaves."""
-        cells = self._points, self._tetrahedra, self._neighbours
-        return _solid(*cells, self._peeled(self._tree[0] <= _LEAK_BALLS[-1]))
+        return self._whole.only(self._peeled(self._tree[0] <= _LEAK_BALLS[-1]))
 
     def _opens(self, normals: Array | None) -> bool:
-        """Whether the ball comes in through an opening, and not through a hole in the sampling.
-
-        The walls around the space behind an opening face it; those of an object have it behind them.
-        """
+        """Whether the ball comes in through an opening, and not through a hole in the sampling."""
         reach = self._tree[0]
-        left = _solid(self._points, self._tetrahedra, self._neighbours, self._peeled(reach <= _BALL))
-        if bare_share(left) >= _SHEETS:
+        if bare_share(self._whole.only(self._peeled(reach <= _BALL))) >= _SHEETS:
             return False
-        if normals is None:
-            return True
         behind = (reach > _BALL) & (reach <= _LEAK_BALLS[-1])
-        corners = self._points[self._tetrahedra[behind]]
-        toward = corners.mean(axis=1)[:, None] - corners
-        facing = np.einsum("tki,tki->t", toward, normals[self._tetrahedra[behind]])
-        return float(facing @ self._volumes[behind]) > 0
+        return normals is None or is_cavity(self._whole.only(behind), normals)
 
     def _peeled(self, inside: Mask) -> Mask:
         """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
@@ -177,11 +169,6 @@ def _delaunay(points: Array) -> tuple[Indices, Indices]:
     for rows in (tetrahedra, neighbours):
         rows[left_handed, :2] = rows[left_handed, 1::-1]
     return tetrahedra, neighbours
-
-
-def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
-    """The solid of some tetrahedra."""
-    return Solid(points, tetrahedra, neighbours).only(inside)
 
 
 def _doubt(volume: Callable[[float], float], ball: float, kept: float, behind: float) -> float:

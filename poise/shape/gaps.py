@@ -38,3 +38,15 @@ def without_gaps(solid: Solid, air: Array) -> Solid:
     wide = (volumes > _LEAST * solid.volume) & (2 * volumes > _THICK * cell * around)
     open_[open_] = (wide & (bare < _BARE))[gap]
     return solid.only(~open_)
+
+
+def is_cavity(space: Solid, normals: Array) -> bool:
+    """Whether some tetrahedra are a space outside: the walls around it face it, and those of an object face away.
+
+    Args:
+        space: the tetrahedra.
+        normals: (V, 3) outward unit normals of its vertices.
+    """
+    toward = space.centroids[:, None] - space.vertices[space.tetrahedra]
+    facing = np.einsum("tki,tki->t", toward, normals[space.tetrahedra])
+    return float(facing @ np.abs(space.volumes)) > 0
