@@ -124,8 +124,8 @@ def _carved(
     """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`).
 
     Returns:
-        What is left; and which of the others as many views see through as have to see a point, and more than see
-        something there.
+        What is left; and which of the others as many views see through as have to see a point, and as a third of those
+        that see anything near.
     """
     index = np.argwhere(solid)
     asked = (low + cell * (index + 0.5) + np.array([0, 0, offset])) @ axes
