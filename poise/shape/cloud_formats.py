@@ -94,7 +94,7 @@ def read_ply(content: bytes, name: str) -> CloudTable:
     if [element for element, *_ in header.elements[1:2]] != ["air"]:
         return table
     places, _ = _ply_columns(rest, header, 1, name)
-    return replace(table, air=_joined(places, ("x", "y", "z")))
+    return replace(table, air=_table(places, name).points)
 
 
 def read_ply_vertices(content: bytes, header: PlyHeader, name: str) -> tuple[dict[str, NDArray[np.generic]], bytes]:

@@ -29,6 +29,8 @@ def without_gaps(solid: Solid, air: Array) -> Solid:
     grid = cKDTree(air)
     cell = float(np.median(grid.query(air, 2)[0][:, 1]))
     open_ = np.isfinite(grid.query(solid.centroids, distance_upper_bound=_CELL * cell)[0])
+    if not open_.any():
+        return solid
     gaps = solid.only(open_)
     volumes, gap = gaps.pieces()
     around = np.bincount(gap[gaps.surface[1]], gaps.areas, len(volumes))
