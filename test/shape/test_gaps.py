@@ -36,7 +36,7 @@ def test_air_over_a_plate_takes_nothing_of_it() -> None:
     level = np.arange(-0.03, 0.03, CELL)
     over = np.stack(np.meshgrid(level, level, [0.75e-3 + 0.8e-3]), axis=-1).reshape(-1, 3)
     assert without_gaps(solid, over).volume > 0.99 * solid.volume
-    assert without_gaps(solid, over + [0, 0, 0.1]) is solid
+    assert without_gaps(solid, over + 0.1) is solid
 
 
 def outward(points: np.ndarray) -> np.ndarray:
