@@ -31,7 +31,7 @@ from poise.scanning import CameraPoses, Sweep, View, scan_sweep
 from poise.types import Array
 
 FIRST = 9000
-"""Seeds of things from here on are for development, and those from 9200 on; 9100 and 9300 on were answered once."""
+"""Seeds of things from here on are for development, as from 9200 on; 9100, 9300 and 9400 on were answered once."""
 _COMPACT = (0, 1, 7, 9)
 """Last digits of their seeds."""
 _POINT = np.array([*SPOT, 0.02])

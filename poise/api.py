@@ -83,7 +83,7 @@ def segment(cloud: Source | Array, colours: Array | None = None) -> Segmentation
     if isinstance(cloud, str | Path):
         found, mesh = read_surface(Path(cloud))
         how = SegmentationOptions(noise=None if mesh is None else 0.0)
-        cut = partial(_segment, normals=found.normals, seen=found.seen, doubt=found.doubt)
+        cut = partial(_segment, normals=found.normals, seen=found.seen, doubt=found.doubt, air=found.air)
         return cut(found.points, found.colours, how)
     return _segment(cloud, colours)
 

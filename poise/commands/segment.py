@@ -83,7 +83,7 @@ def segment(
         start = time.perf_counter()
         read, mesh = read_surface(cloud, scale)
         how = segmentation_options(parts, 0.0 if mesh is not None else noise)
-        cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt)
+        cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt, air=read.air)
         found = cut(read.points, shades(colour, read.colours), how)
         seconds = time.perf_counter() - start
     for note in (*read.notes, *found.notes):

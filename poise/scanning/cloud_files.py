@@ -13,7 +13,10 @@ _TYPES = {"double": "<f8", "float": "<f4", "uchar": "u1"}
 
 
 def scan_ply(found: Scan) -> bytes:
-    """Binary PLY, m in the robot's base; `seen` is 0 where a point was completed, `doubt` one sigma of its place."""
+    """Binary PLY, m in the robot's base; `seen` is 0 where a point was completed, `doubt` one sigma of its place.
+
+    The element `air` has the places that views look through.
+    """
     rows = np.zeros(len(found.points), [(name, _TYPES[kind]) for kind, name in _ATTRIBUTES])
     shades = np.full_like(found.points, 0.7) if found.colours is None else found.colours
     columns = [*found.points.T, *found.normals.T, *np.round(255 * np.clip(shades, 0, 1)).T, found.seen]
@@ -22,4 +25,6 @@ def scan_ply(found: Scan) -> bytes:
         rows[name] = column
     lines = ["ply", "format binary_little_endian 1.0", "comment metres, in the robot's base frame"]
     lines += [f"element vertex {len(rows)}", *(f"property {kind} {name}" for kind, name in _ATTRIBUTES)]
-    return "\n".join([*lines, "end_header", ""]).encode() + rows.tobytes()
+    air = np.zeros((0, 3)) if found.air is None else found.air
+    lines += [f"element air {len(air)}", *(f"property double {axis}" for axis in "xyz")]
+    return "\n".join([*lines, "end_header", ""]).encode() + rows.tobytes() + air.astype("<f8").tobytes()

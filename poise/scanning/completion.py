@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from poise.scanning.frames import View
-from poise.scanning.fusion import BAND, Surface
+from poise.scanning.fusion import BAND, Surface, fewest_views
 from poise.scanning.looking import each, lookup
 from poise.scanning.support import CELL, Footprint
 from poise.scanning.underside import underside
@@ -36,6 +36,8 @@ _UNDERSIDE = -0.7
 _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
 """m, one sigma of a bottom around which the surface was seen down to the table, and of anything else; and what each m
 to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
+_AIR_NEAR = 3.0
+"""Cells from a seen point, within which it is kept where views look through: larger gaps are found without that."""
 _FOOT, _BESIDE = 0.6e-3, 5
 """m over the floor, and cells, within which a side has to be seen for the object to stand there."""
 _MOST_CELLS = 1_500_000
@@ -57,6 +59,7 @@ class Completed:
         hidden_sides: as `hidden`, of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
+        air: (K, 3) m in the world, places near seen points that views look through, on a grid.
     """
 
     points: Array
@@ -69,6 +72,7 @@ class Completed:
     hidden_sides: float
     unknown: float
     footprint: float
+    air: Array
 
 
 def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell: float) -> Completed:
@@ -90,8 +94,10 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
     covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
     roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
-    solid = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
-    solid = _carved(solid, views, axes, plane.offset, low, cell)
+    above = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
+    solid, open_ = _carved(above, views, axes, plane.offset, low, cell)
+    free = low + cell * (np.argwhere(open_) + 0.5)
+    free = free[np.isfinite(cKDTree(placed).query(free, distance_upper_bound=_AIR_NEAR * cell)[0])]
     seen = placed, surface.normals @ axes.T
     air = underside(solid, seen, footprint.floor, low, cell)
     solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
@@ -107,28 +113,36 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
     doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, air, low, cell)
-    in_world = (points + np.array([0, 0, plane.offset])) @ axes
+    in_world, free = ((places + np.array([0, 0, plane.offset])) @ axes for places in (points, free))
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers)
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers, free)
 
 
-def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float) -> Mask:
-    """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`)."""
+def _carved(
+    solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float
+) -> tuple[Mask, Mask]:
+    """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`).
+
+    Returns:
+        What is left; and which of the others as many views see through as have to see a point, and as a third of those
+        that see anything near.
+    """
     index = np.argwhere(solid)
     asked = (low + cell * (index + 0.5) + np.array([0, 0, offset])) @ axes
     chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, _VIEWS).round().astype(int))]
 
-    def ask(view: View) -> tuple[Mask, Array]:
+    def ask(view: View) -> tuple[Mask, Array, Mask]:
         (beyond,) = lookup([view]).beyond(asked)
         informative = beyond > -_BEHIND  # deeper is hidden
-        return informative, np.where(informative, np.minimum(beyond, BAND), 0.0)
+        return informative, np.where(informative, np.minimum(beyond, BAND), 0.0), beyond > _BEHIND
 
     answers = each(chosen, ask)
-    count, distance = (np.sum([part[i] for part in answers], axis=0) for i in (0, 1))
+    count, distance, through = (np.sum([part[i] for part in answers], axis=0) for i in range(3))
     free = (count >= min(_FREE_VIEWS, len(views))) & (distance > _FREE * count)
-    carved = solid.copy()
+    carved, open_ = solid.copy(), np.zeros_like(solid)
     carved[tuple(index[free].T)] = False
-    return carved
+    open_[tuple(index[free & (through >= fewest_views(len(chosen))) & (3 * through > count)].T)] = True
+    return carved, open_
 
 
 def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -54,6 +55,7 @@ class Scan:
         notes: what to read it with, one sentence each.
         doubt: (N,) m, one sigma of where completed points are, and of where the poses may have put all seen ones; None:
             as `poise.shape` takes it.
+        air: (K, 3) m, places near the surface that views look through, on a grid; None: not known.
     """
 
     points: Array
@@ -67,13 +69,15 @@ class Scan:
     agreed: float
     notes: tuple[str, ...] = ()
     doubt: Array | None = None
+    air: Array | None = None
 
     def __repr__(self) -> str:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
 
     def segmented(self, options: SegmentationOptions = DEFAULT_SEGMENTATION) -> Segmentation:
         """Its solid and parts; `solid.volume_std` includes what was not seen, and the errors of the poses."""
-        return segment(self.points, self.colours, options, normals=self.normals, seen=self.seen, doubt=self.doubt)
+        cut = partial(segment, normals=self.normals, seen=self.seen, doubt=self.doubt, air=self.air)
+        return cut(self.points, self.colours, options)
 
     @property
     def foot(self) -> Array:
@@ -123,8 +127,9 @@ def scan(
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
     doubt = None if hidden is None else _doubt(len(surface.points), found, hidden.doubt)
+    air = None if hidden is None or found.pushed else hidden.air
     counts = found.n_objects, len(found.views), found.moved
-    return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt)
+    return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt, air)
 
 
 def _best(

@@ -2,6 +2,7 @@
 
 - `clouds`, `meshes`: files and messages are read, checked and repaired within limits.
 - `carving`, `surface_fit`, `matching`, `reconstruction`: the closed tetrahedral solid that explains noisy points.
+  `gaps`: narrow ones that a scan saw through.
 - `missing`, `reflections`: surface that a cloud does not show, or shows twice.
 - `segmentation`: a solid cut into parts that likely have one density.
 - `independent`: at most four parts whose masses a sensor at rest distinguishes.

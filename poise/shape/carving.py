@@ -17,6 +17,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
 from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
+from poise.shape.gaps import is_cavity
 from poise.shape.missing import bare_share
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
@@ -91,6 +92,7 @@ class Stone:
                 ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
             ) from error
         self._points, self._tetrahedra, self._neighbours = points, tetrahedra, neighbours
+        self._whole = Solid(points, tetrahedra, neighbours)
         self._volumes = np.abs(tetrahedron_volumes(points[tetrahedra]))  # flat ones may seem left-handed
         self._flat = _FLAT * float(np.ptp(points, axis=0).max()) * self.spacing.usual**2
         reach, order, parents = _reach(points, self.spacing.coarseness, tetrahedra, neighbours)
@@ -101,13 +103,13 @@ class Stone:
         cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
         small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
-        opening = bool(larger) and bare_share(_solid(*cells, self._peeled(reach <= _BALL))) < _SHEETS
+        opening = bool(larger) and self._opens(normals)
         ball = _BALL if opening else max([_BALL, *larger])
         inside = self._peeled(reach <= ball)
         if depth is not None:
             inside = self._peeled(reach <= _LARGEST_BALL)
             inside = self._peeled(inside & ~_pockets(*cells, self._tree, inside, ball, depth, normals))
-        found = _solid(*cells, inside)
+        found = self._whole.only(inside)
         if not len(found.tetrahedra):
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
@@ -115,6 +117,18 @@ class Stone:
         behind = largest_ball - small_ball if opening else 0.0
         spread = _doubt(self._volume, ball, found.volume, behind)
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
+
+    def closed(self) -> Solid:
+        """What the largest ball that looks for openings leaves."""
+        return self._whole.only(self._peeled(self._tree[0] <= _LEAK_BALLS[-1]))
+
+    def _opens(self, normals: Array | None) -> bool:
+        """Whether the ball comes in through an opening, and not through a hole in the sampling."""
+        reach = self._tree[0]
+        if bare_share(self._whole.only(self._peeled(reach <= _BALL))) >= _SHEETS:
+            return False
+        behind = (reach > _BALL) & (reach <= _LEAK_BALLS[-1])
+        return normals is None or is_cavity(self._whole.only(behind), normals)
 
     def _peeled(self, inside: Mask) -> Mask:
         """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
@@ -155,14 +169,6 @@ def _delaunay(points: Array) -> tuple[Indices, Indices]:
     for rows in (tetrahedra, neighbours):
         rows[left_handed, :2] = rows[left_handed, 1::-1]
     return tetrahedra, neighbours
-
-
-def _solid(points: Array, tetrahedra: Indices, neighbours: Indices, inside: Mask) -> Solid:
-    """The solid of some tetrahedra."""
-    kept = np.flatnonzero(inside)
-    number = np.full(len(tetrahedra) + 1, -1)
-    number[kept] = np.arange(len(kept))
-    return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=0.0)
 
 
 def _doubt(volume: Callable[[float], float], ball: float, kept: float, behind: float) -> float:

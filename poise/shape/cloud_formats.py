@@ -2,7 +2,7 @@
 
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ class CloudTable:
         normals: (N, 3) as they are in the file, or None.
         seen: (N,) False where a scan completed the surface (column `seen`), or None.
         doubt: (N,) one sigma of the place of a completed point (column `doubt`), or None.
+        air: (K, 3) places that a scan saw through (element `air`), or None.
     """
 
     points: Array
@@ -40,6 +41,7 @@ class CloudTable:
     normals: Array | None = None
     seen: Mask | None = None
     doubt: Array | None = None
+    air: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -82,21 +84,32 @@ def read_ply_header(content: bytes, name: str) -> PlyHeader:
 
 
 def read_ply(content: bytes, name: str) -> CloudTable:
-    """The vertices of a PLY file; its faces are only counted."""
+    """The vertices of a PLY file, and the air of a scan; faces are only counted."""
     header = read_ply_header(content, name)
     if not header.elements or header.elements[0][0] != "vertex":
         raise InputError(ErrorCode.UNSUPPORTED, f"{name}: vertices have to be the first element of a PLY file")
-    columns, _ = read_ply_vertices(content, header, name)
+    columns, rest = read_ply_vertices(content, header, name)
     n_faces = next((number for element, number, _ in header.elements if element == "face"), 0)
-    return _table(columns, name, n_faces)
+    table = _table(columns, name, n_faces)
+    if [element for element, *_ in header.elements[1:2]] != ["air"]:
+        return table
+    places, _ = _ply_columns(rest, header, 1, name)
+    return replace(table, air=_table(places, name).points)
 
 
 def read_ply_vertices(content: bytes, header: PlyHeader, name: str) -> tuple[dict[str, NDArray[np.generic]], bytes]:
     """The columns of the first element, and what comes after it."""
-    _, count, properties = header.elements[0]
+    return _ply_columns(content[header.body :], header, 0, name)
+
+
+def _ply_columns(
+    body: bytes, header: PlyHeader, element: int, name: str
+) -> tuple[dict[str, NDArray[np.generic]], bytes]:
+    """The columns of an element with which the body begins, and what comes after it."""
+    what, count, properties = header.elements[element]
     if any(length for _, _, length in properties):
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: lists as properties of vertices are not read")
-    names, body = [column for column, _, _ in properties], content[header.body :]
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: lists as properties of {what} are not read")
+    names = [column for column, _, _ in properties]
     if not header.order:
         rest = body.split(b"\n", count)
         return _text_columns(body, names, count, name), rest[count] if len(rest) > count else b""

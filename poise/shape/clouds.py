@@ -29,6 +29,7 @@ class Cloud:
         normals: (N, 3) outward unit normals, or None.
         seen: (N,) False where a scan completed the surface, or None when all of it was seen.
         doubt: (N,) m, one sigma of where completed surface is, or None when the file does not say.
+        air: (K, 3) m, places that a scan saw through, on a grid, or None.
     """
 
     points: Array
@@ -39,6 +40,7 @@ class Cloud:
     normals: Array | None = None
     seen: Mask | None = None
     doubt: Array | None = None
+    air: Array | None = None
 
     def spread(self, labels: Indices) -> Indices:
         """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are not a point."""
@@ -80,6 +82,8 @@ def read_cloud(path: Path, scale: float = 1.0) -> Cloud:
         cloud = replace(cloud, seen=seen, notes=(*cloud.notes, f"{share}: the volume's uncertainty includes that"))
         if table.doubt is not None and np.all(np.isfinite(table.doubt) & (table.doubt >= 0)):
             cloud = replace(cloud, doubt=scale * table.doubt[cloud.rows])
+    if table.air is not None:
+        cloud = replace(cloud, air=scale * table.air[np.isfinite(table.air).all(axis=1)])
     return cloud if table.normals is None else replace(cloud, normals=_unit(table.normals[cloud.rows]))
 
 

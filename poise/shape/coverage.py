@@ -1,13 +1,10 @@
 """Was the object seen from all sides? Checks of a carved solid against its cloud."""
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.missing import Missing
 from poise.shape.solid import Solid
-from poise.types import Array, Indices
 
 _BARE_ERROR, _BARE_NOTE = 0.06, 0.045
 """Shares of points without anything behind them: of 490 whole clouds 8 had more than the first, of which 5 were very
@@ -62,7 +59,7 @@ def check_coverage(
             f"the points leave a wide gap: the volume is about {opening} cm3 if it is an opening, as that of a cup, and"
             f" about {hole} cm3 if the surface there was not sampled; {taken} cm3 was taken: give more points"
         )
-    pieces = piece_volumes(carved) / carved.volume
+    pieces = carved.pieces()[0] / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
@@ -103,13 +100,3 @@ def _refuse(carved: Solid, solid: Solid, missing: Missing) -> None:
             f" as thin as the noise; {_REMEDY}, or give points with less noise",
             single=missing.single,
         )
-
-
-def piece_volumes(solid: Solid) -> Array:
-    """(P,) m3 of what hangs together by faces."""
-    owner, behind = np.repeat(np.arange(len(solid.tetrahedra)), 4), solid.neighbours.ravel()
-    pairs: Indices = np.stack([owner[behind >= 0], behind[behind >= 0]])
-    count = len(solid.tetrahedra)
-    graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(count, count))
-    pieces, member = connected_components(graph, directed=False)
-    return np.bincount(member, solid.volumes, minlength=pieces).astype(np.float64)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.shape.carving import Stone, carve, depths_below
+from poise.shape.gaps import without_gaps
 from poise.shape.matching import matched
 from poise.shape.missing import Missing, bare_share, missing_of
 from poise.shape.solid import Solid, part_moments
@@ -81,6 +82,7 @@ def reconstruct(
     normals: Array | None = None,
     seen: Mask | None = None,
     doubt: Array | None = None,
+    air: Array | None = None,
 ) -> Reconstruction:
     """The solid whose surface the points show.
 
@@ -92,6 +94,7 @@ def reconstruct(
         seen: (N,) False where a scan completed the surface.
         doubt: (N,) m, one sigma of where completed surface is, and by which all that was seen may be off in the same
             direction; None: `HIDDEN_OFF`, and 0.
+        air: (K, 3) m, places that a scan saw through, on a grid.
 
     Raises:
         InputError: as `carve`.
@@ -101,6 +104,9 @@ def reconstruct(
     if draft.noise > _THICK * draft.spacing.usual and len(points) > wanted:
         draft = _drafted(points, np.sort(rng.permutation(len(points))[:wanted]), noise, normals, rng)
     draft = _averaged(draft, points, rng)
+    bare = bare_share(draft.carved)
+    if air is not None:
+        draft = replace(draft, carved=without_gaps(draft.carved, air))
     spacing = draft.spacing.usual
     guess = max(draft.noise, _LEAST_NOISE * spacing)
     found = matched(draft.carved, points, guess, spacing, rng, noise is not None)
@@ -108,7 +114,7 @@ def reconstruct(
     if seen is None:
         missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
     else:
-        missing = Missing(bare_share(draft.carved))
+        missing = Missing(bare)
     hidden = 0.0 if seen is None else _hidden(found.solid, draft.rows, seen, doubt)
     hidden = _widened(hidden, max(found.solid.volume, _LEAST_KEPT * draft.carved.volume))
     layers = _BY_MISFIT * found.misfit * float(found.solid.areas.sum())
@@ -145,8 +151,11 @@ def _drafted(
     vertices, spacing = points[rows], around.usual
     stone = Stone(vertices, around)
     carved = stone.carve()
+    leaks = carved.between is not None
+    measured = None if given is None else _trusted(given[rows], stone.closed() if leaks else carved)
+    if leaks and measured is not None:
+        carved = stone.carve(normals=measured)
     normals = side_normals(carved, 2 * spacing)
-    measured = None if given is None else _trusted(given[rows], carved)
     guess = local_noise(vertices, normals, rng) if noise is None else noise
     if guess < _SEEN_POCKETS * spacing:
         carved = stone.carve(_DEEP * spacing + _BURIED * guess, measured)

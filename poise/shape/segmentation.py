@@ -130,6 +130,7 @@ def segment(
     normals: Array | None = None,
     seen: Mask | None = None,
     doubt: Array | None = None,
+    air: Array | None = None,
 ) -> Segmentation:
     """Cut an object into parts.
 
@@ -140,11 +141,12 @@ def segment(
         normals: (N, 3) outward unit normals, where they were measured.
         seen: (N,) False where a scan completed the surface; None: all of it was seen.
         doubt: (N,) m, one sigma of where the surface is; None: as `reconstruct` takes it.
+        air: (K, 3) m, places that a scan saw through, on a grid; None: nothing is known.
 
     Raises:
         InputError: as `carve` and `check_coverage`.
     """
-    made = reconstruct(points, options.points, options.noise, normals, seen, doubt)
+    made = reconstruct(points, options.points, options.noise, normals, seen, doubt, air)
     notes = check_coverage(made.carved, made.solid, made.missing, made.inside, made.misfit / max(made.noise, 1e-9))
     few, spacing = made.solid.vertices, made.spacing
     shades = smooth = np.zeros_like(few)

@@ -1,15 +1,17 @@
 """A solid of tetrahedra: its volume, its moments, its surface."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
@@ -47,6 +49,21 @@ class Solid:
         if self.volume_std > self.volume:
             uncertain = f"{100 * self.volume_std / max(self.volume, 1e-12):.0f} %"
             raise InputError(ErrorCode.EMPTY, f"its volume, {1e6 * self.volume:.2g} cm3, is uncertain by {uncertain}")
+
+    def only(self, kept: Mask) -> "Solid":
+        """Some of its tetrahedra (T,)."""
+        number = np.full(len(kept) + 1, -1)
+        number[:-1][kept] = np.arange(np.count_nonzero(kept))
+        return replace(self, tetrahedra=self.tetrahedra[kept], neighbours=number[self.neighbours[kept]])
+
+    def pieces(self) -> tuple[Array, Indices]:
+        """(P,) m3 of what hangs together by faces, and (T,) the piece of each tetrahedron."""
+        owner, behind = np.repeat(np.arange(len(self.tetrahedra)), 4), self.neighbours.ravel()
+        pairs: Indices = np.stack([owner[behind >= 0], behind[behind >= 0]])
+        count = len(self.tetrahedra)
+        graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(count, count))
+        pieces, member = connected_components(graph, directed=False)
+        return np.bincount(member, self.volumes, minlength=pieces).astype(np.float64), member
 
     @cached_property
     def centroids(self) -> Array:

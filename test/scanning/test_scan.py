@@ -1,7 +1,7 @@
 """A brick of known size on a table: fused, completed, refined; and everything that can be wrong with a scan."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
-from poise.scanning import Frame, ScanOptions, View, scan
+from poise.scanning import Frame, ScanOptions, View, scan, scan_ply
 from poise.scanning.fusion import Surface, merged
 from poise.scanning.options import DEFAULT_SCAN
 from poise.scanning.sweep import Ring
-from poise.shape import HIDDEN_OFF
+from poise.shape import HIDDEN_OFF, read_cloud
 from poise.shape.segmentation import segment
 
 HALF = np.array(BRICK) / 2
@@ -104,6 +104,26 @@ def test_air_under_an_arm_is_not_filled():
     true = 0.05 * 0.05 * 0.03 + np.prod(arm)
     assert found.volume == pytest.approx(true, rel=0.12)
     assert abs(found.volume - true) < 2 * found.volume_std
+
+
+def test_air_that_views_look_through_is_known_also_from_the_file(tmp_path):
+    """Between two jaws, and hardly inside of them, although pixels are 2 mm wide."""
+    sides = np.array([[0.05, 0.012, 0.02], [0.04, 0.02, 0.03]])
+    middles = np.array([[0, -0.008, 0.01], [0, 0.012, 0.015]])  # 4 mm apart
+    bodies = [box(tuple(of), tuple(at), (0.8, 0.2, 0.1)) for of, at in zip(sides, middles, strict=True)]
+    found = scan(views_of(Scene(tuple(bodies)), 48))
+    depth = np.min(sides / 2 - np.abs(found.air[:, None] - middles), axis=2).max(axis=1)
+    assert np.mean(depth < 6e-4) > 0.95
+    between = np.all(np.abs(found.air - [0, 0, 0.01]) < [0.02, 0.002, 0.01], axis=1)
+    assert between.sum() > 50
+    path = tmp_path / "jaws.ply"
+    path.write_bytes(scan_ply(found))
+    cloud = read_cloud(path)
+    np.testing.assert_array_equal(cloud.air, found.air)
+    known = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
+    volumes = [known(cloud.points, cloud.colours, air=air).solid.volume for air in (cloud.air, None)]
+    assert volumes[0] == pytest.approx(found.segmented().solid.volume, rel=1e-3)
+    assert volumes[0] < 0.998 * volumes[1]
 
 
 def test_the_same_views_give_the_same_cloud():

@@ -108,7 +108,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
     try:
         if mesh is None:
             cloud = read_cloud(path, scale)
-            cut = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt)
+            cut = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt, air=cloud.air)
             return shape_of_cloud(cut(cloud.points, cloud.colours))
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
