@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.broken_inputs import tables
-from benchmarks.broken_inputs.__main__ import GROUPS
+from benchmarks.broken_inputs.__main__ import GROUPS, outcome
 from benchmarks.broken_inputs.way import Written
 from benchmarks.foreign.case import Case, make_case
 from benchmarks.foreign.plan import plans
@@ -27,6 +27,7 @@ RIGS = {
 SAID = [
     (group, name) for group, (ways, _) in GROUPS.items() for name, way in ways.items() if way.words and not way.effect
 ]
+SLIDES = "gantry_efforts"
 UNSAID = {("wrench", "one torque negative"), ("efforts", "efforts late")}
 """What 12 s of slow motion do not show."""
 
@@ -34,7 +35,7 @@ UNSAID = {("wrench", "one torque negative"), ("efforts", "efforts late")}
 @pytest.fixture(scope="module")
 def rigs() -> dict[str, Case]:
     found = {plan.profile: plan for plan in plans("healthy_dev", 12)}
-    return {name: make_case(found[name], seconds=12.0) for name in set(RIGS.values())}
+    return {name: make_case(found[name], seconds=12.0) for name in {*RIGS.values(), SLIDES}}
 
 
 def said_of(case: Written, folder: Path) -> str:
@@ -63,6 +64,16 @@ def test_an_error_of_a_driver_is_said(group: str, name: str, rigs: dict[str, Cas
     assert broken is not None
     said = said_of(broken, tmp_path / "case")
     assert re.search(ways[name].words, said, re.DOTALL), said
+
+
+@pytest.mark.parametrize(
+    ("group", "name"), [("models", "no load"), ("descriptions", "on a wall"), ("descriptions", "masses in lb")]
+)
+def test_slides_with_a_wrong_description_have_no_false_name(group: str, name: str, rigs: dict[str, Case]) -> None:
+    way = GROUPS[group][0][name]
+    broken = way.broken(rigs[SLIDES])
+    assert broken is not None
+    assert outcome(broken, way)[0] == "right"
 
 
 @pytest.fixture(scope="module")

@@ -59,6 +59,18 @@ def test_efforts_from_which_the_weight_of_the_arm_is_subtracted_are_left_out() -
     there = np.stack([np.interp(joints.seconds, track.seconds, column) for column in weight.T], axis=1)
     reading = read(with_effort(joints, joints.effort - there))
     assert "without the weight of the arm" in only(reading, "effort_compensated").sentence
+
+
+def test_efforts_of_an_arm_on_a_wall_say_how_the_base_is_turned() -> None:
+    case = Recorded(damping=2.0, coulomb=1.0, effort_noise=0.02)
+    joints, track = case.joints(), read(case.joints()).recorded.effort
+    assert track is not None
+    assert track.by_gravity is not None
+    change = track.by_gravity @ (STANDARD_GRAVITY * np.array([0.6, 0.0, 0.2]))  # down along 0.6 0 -0.8
+    there = np.stack([np.interp(joints.seconds, track.seconds, column) for column in change.T], axis=1)
+    reading = read(with_effort(joints, joints.effort + there))
+    assert "along 0.60 0.00 -0.80 in the axes of the base" in only(reading, "base_turned").sentence
+    assert reading.recorded.effort is None
     assert reading.recorded.effort is None
 
 

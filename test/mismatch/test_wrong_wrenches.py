@@ -184,3 +184,16 @@ def test_the_joints_of_a_healthy_recording_and_of_a_turned_sensor_are_right(heal
     turn = rotation_of_vector([0.0, 0.0, np.pi / 2])
     for wrench in (healthy.wrench, healthy.wrench @ on_both(turn, turn)):
         check_joints(ROBOT, replace(healthy, wrench=wrench), phi, 9.80665, "a bag")
+
+
+@pytest.mark.parametrize("degrees", [45.0, -160.0])
+def test_a_flange_that_is_turned_is_refused_with_the_angle(healthy: RecordedMotion, degrees: float) -> None:
+    """The load turns with the sensor: its centre of mass is where the model has it."""
+    phi, joints = make_case(32).model.phi, healthy.joints
+    assert phi is not None
+    assert joints is not None
+    turn = rotation_of_vector(-np.radians(degrees) * joints.jacobian_in_sensor[0, 3:, -1])
+    turned = (healthy.specific @ turn, healthy.angular_velocity @ turn, healthy.angular_acceleration @ turn)
+    wrench = load_wrench(phi, *turned) + healthy.wrench - healthy.prediction
+    with pytest.raises(InputError, match=rf"zero of wrist_3_joint was {degrees:.0f} degrees off"):
+        check_joints(ROBOT, replace(healthy, wrench=wrench), phi, 9.80665, "a bag")

@@ -118,6 +118,12 @@ PEEK = '<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]><robot name="&f;">
         (robot(link("a", "heavy")), "heavy"),
         (robot(link("a", 1, "0 0")), "three numbers"),
         (robot(link("a"), link("b"), joint("j", "revolute", "a", "b").replace("0 0 1", "0 0 0")), "length zero"),
+        (
+            robot(link("a"), link("b"), joint("j", "fixed", "a", "b").replace("<origin", '<origin rpy="0 -90 0"')),
+            "in rad, not in degrees",
+        ),
+        (robot(link("a"), link("b"), joint("j", "revolute", "a", "b", at="0 0 333")), "in m, not in mm"),
+        (robot(link("a"), link("b", 0.001), joint("j", "revolute", "a", "b")), "give kg m2"),
         (robot(link("a"), link("b"), joint("j", "banana", "a", "b")), "cannot be built"),
         (robot(link("a"), link("b"), joint("j", "revolute", "a", "b", '<mimic joint="ghost"/>')), "ghost"),
     ],

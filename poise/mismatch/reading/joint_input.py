@@ -6,9 +6,11 @@ from itertools import combinations
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import rotation_of_vector
 from poise.mismatch.reading.wrench_input import WrenchMoments
 from poise.mismatch.recorded import RecordedMotion, load_wrench
 from poise.robot import RobotModel, frame_poses, pinocchio_state
@@ -23,8 +25,8 @@ _TURNED = 0.5
 """Largest ratio of what other joints leave to what a turned sensor leaves."""
 _SAME_AXIS = 0.99
 """Share of the turning about an axis, from which on it is the axis of the joint."""
-_ZEROS = (*range(-165, -15, 15), *range(30, 195, 15))
-"""degrees by which the zero of a joint may be off; smaller errors are an effect of the library."""
+_LEAST_ZERO = 20.0
+"""degrees by which the zero of a joint is off at least; smaller errors are effects of the library."""
 
 
 def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravity: float, name: str) -> None:
@@ -50,6 +52,10 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravit
         return
     # A sensor that is turned against its load is an effect of the library.
     turned = float(moments.turned.sum())
+    angle, left = _on_the_flange(recorded, phi, joints.jacobian_in_sensor[0, 3:, -1])
+    if left < min(_EXPLAINED, _TURNED * turned) and abs(angle) > _LEAST_ZERO:
+        what = f"the zero of {joints.names[-1]} was {angle:.0f} degrees off"
+        raise _refused(name, f"{what}, or if the sensor and its load were turned as far on the flange")
     rows = slice(None, None, max(len(recorded) // _SAMPLES, 1))
     wrench, position = recorded.wrench[rows], joints.position[rows]
 
@@ -63,11 +69,28 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravit
     found |= {sentence: unexplained(rotation) for sentence, rotation in _other_axes(robot, position, turns(position))}
     best = min(found, key=found.__getitem__)
     if found[best] <= min(_EXPLAINED, _BETTER * unexplained(turns(position)), _TURNED * turned):
-        raise InputError(
-            ErrorCode.BAD_INPUT,
-            f"{name}: the wrench does not follow from the joint positions; it would if {best}: correct the joint "
-            "states, or the description of the robot",
-        )
+        raise _refused(name, best)
+
+
+def _refused(name: str, otherwise: str) -> InputError:
+    return InputError(
+        ErrorCode.BAD_INPUT,
+        f"{name}: the wrench does not follow from the joint positions; it would if {otherwise}: correct the joint "
+        "states, or the description of the robot",
+    )
+
+
+def _on_the_flange(recorded: RecordedMotion, phi: Array, axis: Array) -> tuple[float, float]:
+    """degrees about an axis (3,) of the sensor by which sensor and load are turned, and what that leaves."""
+
+    def left(degrees: float) -> float:
+        turn = rotation_of_vector(-np.radians(degrees) * axis)
+        turned = (recorded.specific @ turn, recorded.angular_velocity @ turn, recorded.angular_acceleration @ turn)
+        return float(WrenchMoments.of(recorded.wrench, load_wrench(phi, *turned)).unexplained.sum())
+
+    near = min(range(-180, 180, 30), key=left)
+    best = minimize_scalar(left, bounds=(near - 30.0, near + 30.0), method="bounded", options={"xatol": 0.1})
+    return float((best.x + 180.0) % 360.0 - 180.0), float(best.fun)
 
 
 def _weight(rotation: Array, phi: Array, gravity: float) -> Array:
@@ -107,9 +130,9 @@ def _others(names: tuple[str, ...], position: Array) -> Iterator[tuple[str, Arra
     for j, name in enumerate(names):
         one = np.eye(count)[j]
         yield f"{name} counted in the opposite direction", position * (1.0 - 2.0 * one)
-        flange = ", or if the sensor and its load are turned as far on the flange" if j == count - 1 else ""
-        for angle in _ZEROS:
-            yield f"the zero of {name} was {angle} degrees off{flange}", position - np.radians(angle) * one
+        for angle in range(-165, 195, 15):
+            if abs(angle) > _LEAST_ZERO:
+                yield f"the zero of {name} was {angle} degrees off", position - np.radians(angle) * one
     for sentence, order in orders(names):
         yield sentence, position[:, order]
 
