@@ -76,7 +76,7 @@ def read(with_errors: dict[str, Array]) -> Array:
     def felt(name: str, values: Array, about: RecordedMotion) -> Array:
         effect = effect_named(name)
         assert effect is not None
-        keys = [p.name for p in effect.parameters(about)]
+        keys = [p.name for p in effect.parameters(about) if not p.choice]
         return effect.simulate(about, dict(zip(keys, np.ravel(values).tolist(), strict=True)))
 
     wrench = recorded.prediction + felt("joint_offset", with_errors["joints"], recorded)

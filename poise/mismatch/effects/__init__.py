@@ -17,6 +17,7 @@ from poise.mismatch.effects.joint_friction import (
     in_model,
     joint_unit,
     laws_of_dry_friction,
+    like_a_turned_base,
     numbered_joints,
 )
 from poise.mismatch.effects.joint_offset import joint_columns
@@ -48,6 +49,7 @@ __all__ = [
     "joint_columns",
     "joint_unit",
     "laws_of_dry_friction",
+    "like_a_turned_base",
     "limited_readings",
     "numbered_joints",
     "rotation_columns",

@@ -36,6 +36,9 @@ _OF_LAW = {SMOOTH: ("transition",), SOFT: ("lead", "ramp_"), PRESLIDING: ("presl
 _STILL = 2e-3
 """Share of the usual speed of a joint below which it stands still: its path would be noise."""
 
+_ALIKE = 0.1
+"""Largest relative difference of constant efforts and of the weight that a turned base would have."""
+
 
 def reversal_parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
     """Of the law by which dry friction reverses, see `reversal`.
@@ -260,3 +263,18 @@ def joint_unit(recorded: RecordedMotion, unit: str, name: str, values: Values) -
     number = name.rpartition("_")[2]
     one = float(number) if number.isdigit() else values.get("joint")
     return recorded.effort.unit(unit, *(() if one is None else (joint_called(recorded, one),)))
+
+
+def like_a_turned_base(recorded: RecordedMotion, offsets: Array) -> str:
+    """A sentence where constant efforts (J,) are those of gravity on a base that is turned; "" where they are not."""
+    by_gravity, gravity = efforts(recorded).by_gravity, float(np.linalg.norm(recorded.gravity[0]))
+    if by_gravity is None or np.ptp(by_gravity, axis=0).max() * gravity > _ALIKE * np.abs(offsets).max():
+        return ""
+    mean, down = by_gravity.mean(axis=0), np.array([0.0, 0.0, -gravity])
+    change = np.linalg.lstsq(mean, offsets, rcond=1e-3)[0]
+    size = float(np.linalg.norm(down + change))
+    explained = np.linalg.norm(mean @ change - offsets) < _ALIKE * np.linalg.norm(offsets)
+    if not explained or abs(size / gravity - 1.0) > _ALIKE:
+        return ""
+    angle = np.degrees(np.arccos(np.clip((down + change) @ down / (size * gravity), -1.0, 1.0)))
+    return f" The weight does the same if the base is turned by {angle:.0f} degrees against its description."

@@ -11,7 +11,7 @@ PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", 
 
 FARTHEST_CENTRE = 1.0
 """m from the sensor to a payload's centre of mass."""
-_OF_NONE = (2.0, 0.2)
+_OF_NONE = (1.0, 0.05)
 """Typical mass, relative, and m of its lever, of a payload where the model has none: a hand that was forgotten."""
 
 

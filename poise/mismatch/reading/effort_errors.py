@@ -217,14 +217,16 @@ def _mounted(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
     beside = comparison.bases(np.zeros_like(track.rigid))
     rest = comparison.measured - track.rigid[rows] + track.by_gravity[rows] @ down
     weight = 1.0 / np.sqrt(np.var(comparison.measured, axis=0) + comparison.faint)
-    both = np.concatenate([track.by_gravity[rows], rest[:, :, None]], axis=2) * weight[:, None]
+    axes = recorded.axes_of_base(track.seconds)
+    by_axis = track.by_gravity @ axes
+    both = np.concatenate([by_axis[rows], rest[:, :, None]], axis=2) * weight[:, None]
     free = np.concatenate([both[:, j] - basis @ (basis.T @ both[:, j]) for j, basis in enumerate(beside)])
     along = np.asarray(np.linalg.lstsq(free[:, :3], free[:, 3], rcond=1e-3)[0])
     size, (angle, words) = float(np.linalg.norm(along)), turned_base(along)
     if angle < _LEAST_MOUNTING or not 1.0 / _OWN_WEIGHT < size / usual < _OWN_WEIGHT:
         return
     left = comparison.left(
-        comparison.measured, comparison.bases(track.rigid + track.by_gravity @ (along * usual / size - down))
+        comparison.measured, comparison.bases(track.rigid + by_axis @ (along * usual / size) - track.by_gravity @ down)
     )
     sentence = f"The efforts follow from the motion if gravity acts {words}. They were left out."
     yield left, InputFinding("base_turned", sentence, track.names)

@@ -14,6 +14,7 @@ from poise.mismatch.effects import (
     ExternalVibration,
     UnreportedBaseMotion,
     Values,
+    like_a_turned_base,
 )
 from poise.mismatch.recorded import RecordedMotion, at_times, joint_torques, wrench_of_torques
 from poise.types import Array
@@ -64,6 +65,12 @@ class LoadOnEfforts(_OnEfforts):
         """From the wrench that explains the residual of the efforts."""
         return self._inner.starts(recorded, wrench_of_torques(recorded, residual))
 
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        said = self._inner.sentence(recorded, values)
+        if self.name != "world_force":
+            return said
+        return said + like_a_turned_base(recorded, self.simulate(recorded, values).mean(axis=0))
+
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         if self._straight(recorded):
             return recorded.once(("on efforts", self.name), lambda: self._columns(recorded, nonlinear))
@@ -99,12 +106,13 @@ class TiltOnEfforts(_OnEfforts):
     """A tilted base on the efforts that carry the arm, to first order in the tilt."""
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        inner = self._inner.parameters(recorded)
+        inner = (p for p in self._inner.parameters(recorded) if not p.choice)
         return tuple(EffectParameter(p.name, p.unit, p.scale, low=p.low, high=p.high) for p in inner)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        track = recorded.effort
-        by_tilt = None if track is None else track.by_tilt(float(np.linalg.norm(recorded.gravity[0])))
+        track, gravity = recorded.effort, float(np.linalg.norm(recorded.gravity[0]))
+        axes = recorded.axes_of_base(track.seconds) if track is not None and nonlinear.get("on_base") else np.eye(3)
+        by_tilt = None if track is None else track.by_tilt(gravity, axes)
         return super().columns(recorded, nonlinear) if by_tilt is None else by_tilt
 
     def untestable(self, recorded: RecordedMotion) -> str:
@@ -182,8 +190,7 @@ class VibrationOnEfforts(_OnEfforts):
         by_motion, seconds = by_acceleration(recorded)
         answer = by_motion
         if recorded.base is not None:
-            turns = recorded.base.rotation_world_base.reshape(-1, 9)
-            answer = by_motion @ at_times(recorded.seconds, turns, seconds).reshape(-1, 3, 3)
+            answer = by_motion @ recorded.axes_of_base(seconds)
         waves = self._vibration.waves(seconds, nonlinear)
         return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(*answer.shape[:2], 6))
 

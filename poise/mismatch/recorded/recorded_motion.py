@@ -9,12 +9,13 @@ import numpy as np
 
 from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
-from poise.mismatch.recorded.resampling import linear_at
+from poise.mismatch.recorded.resampling import at_times, linear_at
 from poise.simulation.models import JointPhysics
 from poise.types import Array, Mask
 
 T = TypeVar("T")
 
+_WORLD = np.eye(3)
 _OF_SLIDES = {"N m": "N", "N m s/rad": "N s/m", "kg m2": "kg", "rad": "m", "mrad": "mm", "rad/s": "m/s"}
 """Units of joints that slide, by those of joints that turn."""
 
@@ -140,13 +141,14 @@ class EffortTrack:
         """(M, J) the part of `rigid` that accelerations need: the joint-space inertia times them."""
         return np.asarray(np.einsum("mij,mj->mi", self.by_acceleration, self.acceleration))
 
-    def by_tilt(self, gravity: float) -> Array | None:
-        """(M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world; None: see `by_gravity`.
+    def by_tilt(self, gravity: float, axes: Array = _WORLD) -> Array | None:
+        """(M, J, 2) N m/rad, d rigid by the rotation of the base about two level axes; None: see `by_gravity`.
 
         Args:
             gravity: m/s2, downwards.
+            axes: (3, 3) or (M, 3, 3) rotation from the axes x and y to the world.
         """
-        turned = np.array([[0.0, gravity], [-gravity, 0.0], [0.0, 0.0]])
+        turned = axes[..., :2] @ np.array([[0.0, gravity], [-gravity, 0.0]])
         return None if self.by_gravity is None else np.asarray(self.by_gravity @ turned)
 
     def select(self, rows: Mask) -> "EffortTrack":
@@ -314,6 +316,12 @@ class RecordedMotion:
             for name, track in (("joints", self.joints), ("base", self.base))
         }
         return replace(self, **arrays, **tracks)  # type: ignore[arg-type]
+
+    def axes_of_base(self, seconds: Array) -> Array:
+        """(M, 3, 3) rotation from the base to the world at some times (M,); none where the base stands."""
+        if self.base is None:
+            return np.broadcast_to(_WORLD, (len(seconds), 3, 3))
+        return at_times(self.seconds, self.base.rotation_world_base.reshape(-1, 9), seconds).reshape(-1, 3, 3)
 
     def to_world(self, vectors: Array) -> Array:
         """(N, 3) in sensor axes -> world axes."""
