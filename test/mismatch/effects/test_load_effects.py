@@ -27,7 +27,6 @@ from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
 from poise.mismatch.reading import complete_values, recorded_from_motion
-from poise.mismatch.recorded import load_wrench
 from poise.mismatch.recorded.recorded_motion import BaseTrack
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
@@ -256,18 +255,6 @@ def test_a_tilted_floor_is_gravity_that_points_elsewhere():
     found = response("base_tilt", at, rotation_x=0.05, rotation_y=-0.08)
     gravity = Rotation.from_rotvec([-0.05, 0.08, 0.0]).apply(DOWN)
     np.testing.assert_allclose(at.prediction + found, simulated(at, PAYLOAD.phi, gravity), atol=1e-9)
-
-
-def test_an_arm_that_stands_tilted_on_its_base_feels_gravity_and_the_base_tilted():
-    at, still = fine(), np.zeros((len(fine()), 3))
-    turns = Rotation.from_rotvec(0.5 * at.seconds[:, None] * [0.0, 0.0, 1.0])
-    moved = np.stack([np.sin(at.seconds), 0.3 * np.cos(2.0 * at.seconds), 0.0 * at.seconds], axis=1)
-    driven = replace(at, base=BaseTrack(turns.as_matrix(), still, still, moved, still, still))
-    found = response("base_tilt", driven, rotation_x=0.05, rotation_y=-0.08, on_base=1.0)
-    tilted = turns * Rotation.from_rotvec([-0.05, 0.08, 0.0]) * turns.inv()
-    specific = at.to_sensor(tilted.apply(DOWN - moved) + moved) - at.linear_acceleration
-    exact = load_wrench(PAYLOAD.phi, specific, at.angular_velocity, at.angular_acceleration)
-    np.testing.assert_allclose(at.prediction + found, exact, atol=1e-9)
 
 
 def test_sloshing_mass_moves_by_newtons_law_and_the_pivot_hands_on_its_damping():
