@@ -29,16 +29,16 @@ _LEAST_ZERO = 20.0
 """degrees by which the zero of a joint is off at least; smaller errors are effects of the library."""
 
 
-def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravity: float, name: str) -> None:
+def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, name: str) -> None:
     """Refuse joint positions that no load explains, where those of other directions, order or zeros are explained.
 
-    Weight alone is compared, since it follows from the positions. Joints of a base on the ground do not change it.
+    Only the attitude of the sensor is taken to be another one: what the load feels is that of the description, or
+    gravity alone where its accelerations are wrong as well.
 
     Args:
         robot: of the description.
         recorded: with the wrench and the joints.
         phi: (10,) the load of the model.
-        gravity: m/s2.
         name: of the recording.
 
     Raises:
@@ -62,13 +62,21 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, gravit
     def turns(position: Array) -> Array:
         return frame_poses(robot, np.hstack([np.zeros((len(position), robot.base_joints)), position]))[0]
 
+    own = turns(position)
+    turning, still = (recorded.angular_velocity[rows], recorded.angular_acceleration[rows]), np.zeros((len(own), 3))
+    in_base = [
+        [np.einsum("nij,nj->ni", own, values) for values in felt]
+        for felt in ((recorded.specific[rows], *turning), (recorded.gravity[rows], still, still))
+    ]
+
     def unexplained(rotation: Array) -> float:
-        return float(WrenchMoments.of(wrench, _weight(rotation, phi, gravity)).unexplained.max())
+        in_sensor = ([np.einsum("nji,nj->ni", rotation, values) for values in felt] for felt in in_base)
+        return min(float(WrenchMoments.of(wrench, load_wrench(phi, *felt)).unexplained.max()) for felt in in_sensor)
 
     found = {sentence: unexplained(turns(other)) for sentence, other in _others(joints.names, position)}
-    found |= {sentence: unexplained(rotation) for sentence, rotation in _other_axes(robot, position, turns(position))}
+    found |= {sentence: unexplained(rotation) for sentence, rotation in _other_axes(robot, position, own)}
     best = min(found, key=found.__getitem__)
-    if found[best] <= min(_EXPLAINED, _BETTER * unexplained(turns(position)), _TURNED * turned):
+    if found[best] <= min(_EXPLAINED, _BETTER * unexplained(own), _TURNED * turned):
         raise _refused(name, best)
 
 
@@ -91,12 +99,6 @@ def _on_the_flange(recorded: RecordedMotion, phi: Array, axis: Array) -> tuple[f
     near = min(range(-180, 180, 30), key=left)
     best = minimize_scalar(left, bounds=(near - 30.0, near + 30.0), method="bounded", options={"xatol": 0.1})
     return float((best.x + 180.0) % 360.0 - 180.0), float(best.fun)
-
-
-def _weight(rotation: Array, phi: Array, gravity: float) -> Array:
-    """(N, 6) the wrench of a load at rest on a sensor that is turned (N, 3, 3) in the world."""
-    still = np.zeros((len(rotation), 3))
-    return load_wrench(phi, rotation.transpose(0, 2, 1) @ np.array([0.0, 0.0, -gravity]), still, still)
 
 
 def _other_axes(robot: RobotModel, position: Array, rotation: Array) -> Iterator[tuple[str, Array]]:

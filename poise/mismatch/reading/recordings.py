@@ -142,7 +142,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
     if wrench is not None and model.phi is not None:
-        check_joints(robot, recorded, model.phi + tool, model.gravity_or_standard, streams.name)
+        check_joints(robot, recorded, model.phi + tool, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
     stated = [*contradicted(recorded, model)] if wrench is not None else []

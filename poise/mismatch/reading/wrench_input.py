@@ -149,31 +149,35 @@ def _at_its_limit(recorded: RecordedMotion, error: FixedError) -> bool:
 def _mounting(recorded: RecordedMotion, moments: WrenchMoments) -> str | None:
     """What is said where the load hangs along another direction than downwards; None where it does not.
 
-    Of a base that drives, the direction is fixed in its own axes or in those of its odometry. A base that is upside
-    down shows as the opposite sign.
+    Of a base that drives, the direction is fixed in its own axes or in those of its odometry. Accelerations alone
+    distinguish a base that is upside down from a wrench of the opposite sign.
     """
+    most = min(_EXPLAINED, _BETTER * moments.unexplained.sum(), _TURNED * float(moments.turned.sum()))
+    negative = _TURNED * float(moments.left(-np.eye(6), _WRONG_PAYLOAD).sum())
     turn = recorded.rotation_world_sensor
     tried = [] if recorded.base is None else [recorded.base.rotation_world_base.swapaxes(1, 2) @ turn]
     for rotation in (*tried, turn):
         downwards, words, left = _hanging(recorded, rotation)
-        if _LEAST_MOUNTING < downwards < 180.0 - _LEAST_MOUNTING and left < min(
-            _EXPLAINED, _BETTER * moments.unexplained.sum(), _TURNED * float(moments.turned.sum())
-        ):
+        if downwards > _LEAST_MOUNTING and left < min(most, negative):
             return f"the load hangs {words}"
     return None
 
 
 def _hanging(recorded: RecordedMotion, rotation: Array) -> tuple[float, str, float]:
     """By how many degrees from downwards the load hangs in the axes of a rotation (N, 3, 3) to the sensor, in words
-    too, and what that leaves of the wrench; all where it would be much heavier or lighter."""
+    too, and what that leaves of the wrench beside inertia; all where it would be much heavier or lighter."""
     still = np.zeros((len(recorded), 3))
     size = float(np.linalg.norm(recorded.gravity[0]))
     along = [load_wrench(recorded.phi, size * rotation[:, axis, :], still, still) for axis in range(3)]
-    read, *columns = (each.ravel() for each in _in_sizes(recorded.wrench, *along))
+    moved = load_wrench(
+        recorded.phi, -recorded.linear_acceleration, recorded.angular_velocity, recorded.angular_acceleration
+    )
+    read, *columns = (each.ravel() for each in _in_sizes(recorded.wrench, *along, moved))
     matrix = np.stack(columns, axis=1)
-    direction = np.asarray(np.linalg.lstsq(matrix, read, rcond=None)[0])
+    found = np.asarray(np.linalg.lstsq(matrix, read, rcond=None)[0])
+    direction = found[:3]
     possible = 1.0 / _WRONG_PAYLOAD < float(np.linalg.norm(direction)) < _WRONG_PAYLOAD
-    left = float(np.mean((read - matrix @ direction) ** 2) * 6.0) if possible else np.inf
+    left = float(np.mean((read - matrix @ found) ** 2) * 6.0) if possible else np.inf
     return *turned_base(direction), left
 
 
