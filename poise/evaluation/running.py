@@ -98,7 +98,7 @@ def _keep_finished(pending: dict[Future[dict[str, Any]], DataSource], pool: Work
     finished, _ = wait(pending, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
     if not finished and (why := pool.lost()):
         raise _lost(why)
-    for future in finished:
+    for future in [each for each in pending if each in finished]:  # in the order of the sources
         source = pending.pop(future)
         if future.cancelled():
             raise _lost(pool.lost() or "the cluster gave a task up")

@@ -22,6 +22,7 @@ from poise.mismatch.reading.sanity import (
     check_motion,
     check_payload,
     contradicted,
+    light_robot,
     without_frozen,
     without_spikes,
 )
@@ -138,14 +139,14 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
         return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
-    check_payload(robot, model.phi, joints.effort.size > 0)
+    check_payload(robot, model.phi)
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections, frozen = _against(build, streams.name, known, tool, wrench is not None)
     if wrench is not None and model.phi is not None:
         check_joints(robot, recorded, model.phi + tool, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
-    stated = [*contradicted(recorded, model)] if wrench is not None else []
+    stated = contradicted(recorded, model) if wrench is not None else []
     findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *stated]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
@@ -163,7 +164,9 @@ def _checked(
             raise InputError(ErrorCode.TOPIC_MISSING, f"{sentence}: record one of them")
         findings.append(InputFinding("no_effort", f"{sentence}: only the motion can be compared with the commands."))
     if recorded.effort is not None:
-        effort, wrong = checked_efforts(recorded, recorded.effort)
+        effort, wrong = None, light_robot(robot, recorded.phi)
+        if not wrong:
+            effort, wrong = checked_efforts(recorded, recorded.effort)
         recorded = replace(recorded, effort=effort)
         findings += wrong
     if streams.commands is not None:

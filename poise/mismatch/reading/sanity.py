@@ -22,7 +22,7 @@ _OUTSIDE = 1.0
 SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
 _HEAVIEST, _CARRIED = 20.0, 3.0
-"""Payloads are at most so many times as heavy as the robot, and as one whose efforts are compared."""
+"""Payloads are at most so many times as heavy as the robot, and as one whose efforts say something."""
 _NOISIER = 5.0
 """Ratio from which the noise that a model states is not that of the readings."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
@@ -34,6 +34,23 @@ _MAX_SPIKES = 0.03
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
 """Knocks of a loose part: least number; share of their square along one direction of the six channels; and largest
 share of that direction in one channel, since a knock acts on forces and torques."""
+
+
+def light_robot(robot: RobotModel, phi: Array) -> list[InputFinding]:
+    """A finding where the robot of the description is far too light to carry the payload (10,)."""
+    own = _mass(robot)
+    if not phi[0] > _CARRIED * own > 0.0:
+        return []
+    sentence = (
+        f"The payload weighs {phi[0]:.4g} kg, and the robot {own:.3g} kg: the masses of the description are wrong. The "
+        "efforts were left out."
+    )
+    return [InputFinding("effort_unrelated", sentence, robot.joint_names)]
+
+
+def _mass(robot: RobotModel) -> float:
+    """kg, of all links that move."""
+    return sum(float(inertia.mass) for inertia in robot.pinocchio.inertias)
 
 
 def contradicted(recorded: RecordedMotion, model: NominalModel) -> list[InputFinding]:
@@ -79,14 +96,14 @@ def check_positions(robot: RobotModel, position: Array) -> None:
         )
 
 
-def check_payload(robot: RobotModel, phi: Array | None, efforts: bool = False) -> None:
-    """Refuse a payload (10,) that is far heavier than the robot, whose `efforts` may be compared.
+def check_payload(robot: RobotModel, phi: Array | None) -> None:
+    """Refuse a payload (10,) that is far heavier than the robot.
 
     Raises:
         InputError: BAD_INPUT.
     """
-    own = sum(float(inertia.mass) for inertia in robot.pinocchio.inertias)
-    if phi is not None and phi[0] > (_CARRIED if efforts else _HEAVIEST) * own > 0.0:
+    own = _mass(robot)
+    if phi is not None and phi[0] > _HEAVIEST * own > 0.0:
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"payload.mass of the model is {phi[0]:.4g} kg, the robot of the description weighs {own:.3g} kg: give it "
