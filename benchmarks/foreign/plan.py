@@ -21,7 +21,7 @@ SEEDS = {
     "final": 586291,
     "added_dev": 55190,
     "added_final": 640231,
-    "broken_final": 731077,
+    "broken_final": 918364,
     "healthy_dev": 5510333,
     "healthy_final": 147853,
 }
