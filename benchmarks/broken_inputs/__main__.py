@@ -1,6 +1,7 @@
 """Recordings of wrong drivers (units, signs, axes, clocks, frozen readings), and tables with wrong mappings.
 
-python -m benchmarks.broken_inputs [wrench|efforts|joints|tables ...] [--seed-set healthy_dev] [--rigs N]
+python -m benchmarks.broken_inputs [wrench|efforts|joints|tables|models|descriptions ...]
+    [--seed-set healthy_dev] [--rigs N]
 --quick: one rig
 
 Healthy recordings of `benchmarks.foreign` are each broken in every way. What the tool says is right when its message, a

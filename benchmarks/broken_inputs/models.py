@@ -1,6 +1,5 @@
 """Wrong model.yaml: units and axes of the payload, a payload that is not held, frames, gravity, noise."""
 
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,11 +13,9 @@ Payload = dict[str, Any]
 
 
 def _payload(change: Callable[[Payload], Payload]) -> Callable[[Case], Case]:
-    def broken(case: Case) -> Case:
-        model = copy.deepcopy(case.model)
-        return replace(case, model=model | {"payload": model["payload"] | change(model["payload"])})
-
-    return broken
+    return lambda case: replace(
+        case, model=case.model | {"payload": case.model["payload"] | change(case.model["payload"])}
+    )
 
 
 def _scaled(entry: str, factor: float) -> Callable[[Case], Case]:

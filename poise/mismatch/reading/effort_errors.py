@@ -211,22 +211,19 @@ def _mounted(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
     track = comparison.track
     if track.by_gravity is None:
         return
-    usual = float(np.linalg.norm(recorded.gravity[0]))
-    down = np.array([0.0, 0.0, -usual])
-    rows = comparison.rows
+    usual, rows = float(np.linalg.norm(recorded.gravity[0])), comparison.rows
+    weightless = track.rigid + usual * track.by_gravity[..., 2]
+    by_axis = track.by_gravity @ recorded.axes_of_base(track.seconds)
     beside = comparison.bases(np.zeros_like(track.rigid))
-    rest = comparison.measured - track.rigid[rows] + track.by_gravity[rows] @ down
-    weight = 1.0 / np.sqrt(np.var(comparison.measured, axis=0) + comparison.faint)
-    axes = recorded.axes_of_base(track.seconds)
-    by_axis = track.by_gravity @ axes
-    both = np.concatenate([by_axis[rows], rest[:, :, None]], axis=2) * weight[:, None]
+    rest = comparison.measured - weightless[rows]
+    scale = 1.0 / np.sqrt(np.var(comparison.measured, axis=0) + comparison.faint)
+    both = np.concatenate([by_axis[rows], rest[:, :, None]], axis=2) * scale[:, None]
     free = np.concatenate([both[:, j] - basis @ (basis.T @ both[:, j]) for j, basis in enumerate(beside)])
     along = np.asarray(np.linalg.lstsq(free[:, :3], free[:, 3], rcond=1e-3)[0])
     size, (angle, words) = float(np.linalg.norm(along)), turned_base(along)
     if angle < _LEAST_MOUNTING or not 1.0 / _OWN_WEIGHT < size / usual < _OWN_WEIGHT:
         return
-    left = comparison.left(
-        comparison.measured, comparison.bases(track.rigid + by_axis @ (along * usual / size) - track.by_gravity @ down)
-    )
+    turned = comparison.bases(weightless + by_axis @ (along * usual / size))
+    left = comparison.left(comparison.measured, turned)
     sentence = f"The efforts follow from the motion if gravity acts {words}. They were left out."
     yield left, InputFinding("base_turned", sentence, track.names)

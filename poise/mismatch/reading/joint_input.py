@@ -60,7 +60,7 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, name: 
     wrench, position = recorded.wrench[rows], joints.position[rows]
 
     def turns(position: Array) -> Array:
-        return frame_poses(robot, np.hstack([np.zeros((len(position), robot.base_joints)), position]))[0]
+        return frame_poses(robot, _with_base(robot, position))[0]
 
     own = turns(position)
     turning, still = (recorded.angular_velocity[rows], recorded.angular_acceleration[rows]), np.zeros((len(own), 3))
@@ -78,6 +78,11 @@ def check_joints(robot: RobotModel, recorded: RecordedMotion, phi: Array, name: 
     best = min(found, key=found.__getitem__)
     if found[best] <= min(_EXPLAINED, _BETTER * unexplained(own), _TURNED * turned):
         raise _refused(name, best)
+
+
+def _with_base(robot: RobotModel, position: Array) -> Array:
+    """(N, J) of all joints, those of a base at zero: joints of a base on the ground do not change the weight."""
+    return np.hstack([np.zeros((len(position), robot.base_joints)), position])
 
 
 def _refused(name: str, otherwise: str) -> InputError:
@@ -107,7 +112,7 @@ def _other_axes(robot: RobotModel, position: Array, rotation: Array) -> Iterator
     names = robot.joint_names[robot.base_joints :]
     numbers = [model.getJointId(name) for name in names]
     above, turned = (np.empty((len(names), len(position), 3, 3)) for _ in range(2))
-    whole = np.hstack([np.zeros((len(position), robot.base_joints)), position])
+    whole = _with_base(robot, position)
     still = np.zeros_like(whole)
     for n, row in enumerate(pinocchio_state(robot, whole, still, still).q):
         pin.forwardKinematics(model, data, row)

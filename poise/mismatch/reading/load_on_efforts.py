@@ -188,9 +188,7 @@ class VibrationOnEfforts(_OnEfforts):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         by_motion, seconds = by_acceleration(recorded)
-        answer = by_motion
-        if recorded.base is not None:
-            answer = by_motion @ recorded.axes_of_base(seconds)
+        answer = by_motion @ recorded.axes_of_base(seconds)
         waves = self._vibration.waves(seconds, nonlinear)
         return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(*answer.shape[:2], 6))
 

@@ -337,8 +337,9 @@ def _positive(value: Any, what: str) -> float:
 
 
 def _gravity(value: Any) -> float:
-    check_range("gravity of a recording", value)
-    return float(value)
+    gravity = _number(value, "gravity")
+    check_range("gravity of a recording", gravity)
+    return gravity
 
 
 def _numbers(value: Any, count: int, what: str) -> Array:

@@ -60,13 +60,14 @@ def contradicted(recorded: RecordedMotion, model: NominalModel) -> list[InputFin
     wrong = [f"{name} of {value:.4g}" for name, value in limits if exceeded(recorded, name, value)]
     said = [f"Readings exceed the {what} in the model; it is not used." for what in wrong]
     found = [InputFinding("limit_exceeded", sentence) for sentence in said]
-    level = white_level(recorded.wrench - recorded.prediction)
     for what, unit, noise, part in (
         ("force", "N", model.noise_force, slice(0, 3)),
         ("torque", "N m", model.noise_torque, slice(3, 6)),
     ):
-        measured = float(level[part].max())
-        if noise is not None and noise > _NOISIER * measured:
+        if noise is None:
+            continue
+        measured = float(white_level(recorded.wrench[:, part] - recorded.prediction[:, part]).max())
+        if noise > _NOISIER * measured:
             sentence = (
                 f"noise.{what} of the model is {noise:.3g} {unit}, that of the readings {measured:.2g} {unit}: effects "
                 "below the stated noise are not found; leave it out, and it is estimated."

@@ -318,7 +318,7 @@ class RecordedMotion:
         return replace(self, **arrays, **tracks)  # type: ignore[arg-type]
 
     def axes_of_base(self, seconds: Array) -> Array:
-        """(M, 3, 3) rotation from the base to the world at some times (M,); none where the base stands."""
+        """(M, 3, 3) rotation from the base to the world at some times (M,); that of the world if there is no base."""
         if self.base is None:
             return np.broadcast_to(_WORLD, (len(seconds), 3, 3))
         return at_times(self.seconds, self.base.rotation_world_base.reshape(-1, 9), seconds).reshape(-1, 3, 3)
