@@ -118,7 +118,8 @@ def random_motion(robot: Robot, seconds: float, rng: np.random.Generator) -> Ref
             points.append(goal)
     at = np.arange(0.0, seconds, STEP)
     if kind == "walk":
-        course = make_interp_spline(times, points, k=5)
+        rest = [(1, np.zeros(len(home))), (2, np.zeros(len(home)))]
+        course = make_interp_spline(times, points, k=5, bc_type=(rest, rest))
         return course(at), course(at, 1), course(at, 2)
     knots, where = np.array(times), np.array(points)
     i = np.searchsorted(knots, at, side="right") - 1

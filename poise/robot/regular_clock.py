@@ -5,8 +5,11 @@ import scipy
 
 from poise.types import Array
 
-_MAX_JITTER = 0.27
-"""Periods; random stamps would have 0.29."""
+_MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
+"""Periods of jitter, for which random stamps would have 0.29; or else the mean resultant length of the phases, for
+which they have 0.03: stamps of arrival may be many periods late, in bursts."""
+_LATE, _ROUNDS = 0.1, 6
+"""Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
 _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
@@ -21,13 +24,12 @@ def regular_clock(seconds: Array) -> Array | None:
     steps = np.diff(seconds)
     if len(seconds) < 50 or not (steps > 0).all():
         return None
-    period = _period(seconds, float(np.median(steps)))
+    period = _period(seconds)
     ticks = _numbered(seconds, period)
     fitted = _wandering(ticks, seconds)
-    jitter = float(np.std(seconds - fitted))
-    if jitter > _MAX_JITTER * period or not (np.diff(fitted) > 0).all():
-        return None
-    return fitted
+    off = (seconds - fitted) / period
+    regular = float(np.std(off)) <= _MAX_JITTER or abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE
+    return fitted if regular and (np.diff(fitted) > 0).all() else None
 
 
 def _phasors(seconds: Array, period: float, length: int) -> Array:
@@ -38,12 +40,15 @@ def _phasors(seconds: Array, period: float, length: int) -> Array:
     return np.asarray(np.add.reduceat(turns, np.concatenate([[0], np.cumsum(sizes[:-1])])) / sizes)
 
 
-def _period(seconds: Array, rough: float) -> float:
-    """s, the period for which the stamps are most even."""
+def _period(seconds: Array) -> float:
+    """s, the period for which the stamps are most even; near the median step, or the mean one where bursts are many."""
+    steps = np.diff(seconds)
+    found = np.array([float(np.median(steps)), float(steps.mean())])
     for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
-        tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
-        rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
-    return rough
+        tried = np.outer(found, 1.0 + np.arange(-reach, reach, 0.2 / length)).ravel()
+        power = [float(np.sum(np.abs(_phasors(seconds, period, length)) ** 2)) for period in tried]
+        found = tried[[int(np.argmax(power))]]
+    return float(found[0])
 
 
 def _numbered(seconds: Array, period: float) -> Array:
@@ -56,7 +61,11 @@ def _numbered(seconds: Array, period: float) -> Array:
     # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
     if (np.diff(ticks) >= 1.0).all():
         return np.asarray(ticks)
-    return np.asarray(np.round(scipy.optimize.isotonic_regression(ticks - rows).x) + rows)
+    lost, weights = ticks - rows, np.ones(len(rows))
+    for _ in range(_ROUNDS):
+        level = scipy.optimize.isotonic_regression(lost, weights=weights).x
+        weights = np.where(lost - level > 0.5, _LATE, 1.0)
+    return np.asarray(np.round(level) + rows)
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:
