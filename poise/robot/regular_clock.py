@@ -3,29 +3,35 @@
 import numpy as np
 import scipy
 
-from poise.types import Array
+from poise.types import Array, Mask
 
 _MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
 """Periods of jitter, for which random stamps would have 0.29; or else the mean resultant length of the phases, for
 which they have 0.03: stamps of arrival may be many periods late, in bursts."""
 _LATE, _ROUNDS = 0.1, 6
 """Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
+_MOST_UNSURE, _BESIDE = 50, 2
+"""Samples in a row among which a gap is looked for, and those on either side of it."""
 _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
 
-def regular_clock(seconds: Array) -> Array | None:
+def regular_clock(seconds: Array, values: Array | None = None) -> Array | None:
     """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
 
     Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
     are late, and a lost sample skips a number (counting rows or rounding differences fails with loss and jitter
     together). A line with slow drift (one knot in 10 s) is then fitted to the numbers.
+
+    Args:
+        seconds: (N,) stamps, ascending.
+        values: (N, C) what was sampled: it shows where samples are lost among late ones.
     """
     steps = np.diff(seconds)
     if len(seconds) < 50 or not (steps > 0).all():
         return None
     period = _period(seconds)
-    ticks = _numbered(seconds, period)
+    ticks = _numbered(seconds, period, values)
     fitted = _wandering(ticks, seconds)
     off = (seconds - fitted) / period
     regular = float(np.std(off)) <= _MAX_JITTER or abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE
@@ -51,7 +57,7 @@ def _period(seconds: Array) -> float:
     return float(found[0])
 
 
-def _numbered(seconds: Array, period: float) -> Array:
+def _numbered(seconds: Array, period: float, values: Array | None) -> Array:
     """(N,) tick numbers: the stamps rounded to the clock whose phase is followed from stretch to stretch."""
     phasors = _phasors(seconds, period, _SHORT)
     middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
@@ -65,7 +71,34 @@ def _numbered(seconds: Array, period: float) -> Array:
     for _ in range(_ROUNDS):
         level = scipy.optimize.isotonic_regression(lost, weights=weights).x
         weights = np.where(lost - level > 0.5, _LATE, 1.0)
-    return np.asarray(np.round(level) + rows)
+    numbered = np.asarray(np.round(level) + rows)
+    return numbered if values is None else _placed(numbered, ticks == numbered, values)
+
+
+def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
+    """The tick numbers (N,) with each gap between samples that are on time where values (N, C) are most even.
+
+    A gap among late samples may be before or after each of them: stamps do not show it. Nor do they where a sample
+    beside the gap is late by a tick, so that samples beside it are asked as well.
+    """
+    ticks, sure = ticks.copy(), np.flatnonzero(on_time)
+    gaps = np.flatnonzero(np.diff(ticks) > 1.0)
+    gaps = gaps[(gaps > _BESIDE) & (gaps < len(ticks) - 2 - _BESIDE)]
+    before = np.searchsorted(sure, gaps - _BESIDE, side="right") - 1
+    after = np.searchsorted(sure, gaps + 1 + _BESIDE)
+    kept = (before >= 0) & (after < len(sure))
+    for begin, end in zip(sure[before[kept]], sure[after[kept]], strict=True):
+        count = end - begin - 1
+        if not 0 < count <= _MOST_UNSURE:
+            continue
+        early, late = ticks[begin] + np.arange(1, count + 1), ticks[end] - np.arange(count, 0, -1)
+        one_gap = np.where(np.arange(count) < np.arange(count + 1)[:, None], early, late)
+        tried = np.vstack([ticks[begin + 1 : end], one_gap])
+        share = (tried - ticks[begin]) / (ticks[end] - ticks[begin])
+        straight = values[begin] + share[:, :, None] * (values[end] - values[begin])
+        off = np.sum((values[begin + 1 : end] - straight) ** 2, axis=(1, 2))
+        ticks[begin + 1 : end] = tried[int(np.argmin(off))]
+    return ticks
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:
