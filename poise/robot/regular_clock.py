@@ -10,8 +10,9 @@ _MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
 which they have 0.03: stamps of arrival may be many periods late, in bursts."""
 _LATE, _ROUNDS = 0.1, 6
 """Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
-_MOST_UNSURE, _BESIDE = 50, 2
-"""Samples in a row among which a gap is looked for, and those on either side of it."""
+_MOST_UNSURE, _BESIDE, _TOGETHER, _AROUND = 80, 2, 20, 8
+"""Samples in a row among which a gap is looked for, those on either side of it, and between gaps that may be one; samples
+before and after that show how the values change."""
 _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
@@ -83,9 +84,9 @@ def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
     """
     ticks, sure = ticks.copy(), np.flatnonzero(on_time)
     gaps = np.flatnonzero(np.diff(ticks) > 1.0)
-    gaps = gaps[(gaps > _BESIDE) & (gaps < len(ticks) - 2 - _BESIDE)]
-    before = np.searchsorted(sure, gaps - _BESIDE, side="right") - 1
-    after = np.searchsorted(sure, gaps + 1 + _BESIDE)
+    first = np.append(True, np.diff(gaps) > _TOGETHER)[: len(gaps)]
+    before = np.searchsorted(sure, gaps[first] - _BESIDE, side="right") - 1
+    after = np.searchsorted(sure, gaps[np.roll(first, -1)] + 1 + _BESIDE)
     kept = (before >= 0) & (after < len(sure))
     for begin, end in zip(sure[before[kept]], sure[after[kept]], strict=True):
         count = end - begin - 1
@@ -94,11 +95,19 @@ def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
         early, late = ticks[begin] + np.arange(1, count + 1), ticks[end] - np.arange(count, 0, -1)
         one_gap = np.where(np.arange(count) < np.arange(count + 1)[:, None], early, late)
         tried = np.vstack([ticks[begin + 1 : end], one_gap])
-        share = (tried - ticks[begin]) / (ticks[end] - ticks[begin])
-        straight = values[begin] + share[:, :, None] * (values[end] - values[begin])
-        off = np.sum((values[begin + 1 : end] - straight) ** 2, axis=(1, 2))
-        ticks[begin + 1 : end] = tried[int(np.argmin(off))]
+        rows = slice(max(begin + 1 - _AROUND, 0), end + _AROUND)
+        every = np.tile(ticks[rows], (len(tried), 1))
+        every[:, begin + 1 - rows.start : end - rows.start] = tried
+        ticks[begin + 1 : end] = tried[int(np.argmin(_unevenness(every, values[rows])))]
     return ticks
+
+
+def _unevenness(ticks: Array, values: Array) -> Array:
+    """(K,) squares of what cubic polynomials over ticks (K, n) leave of values (n, C)."""
+    middle, half = ticks.mean(axis=1, keepdims=True), np.ptp(ticks, axis=1)[:, None] / 2.0
+    basis = np.linalg.qr(((ticks - middle) / half)[:, :, None] ** np.arange(4))[0]
+    left = values - basis @ (np.swapaxes(basis, 1, 2) @ values)
+    return np.asarray(np.sum(left**2, axis=(1, 2)))
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:
