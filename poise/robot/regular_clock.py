@@ -10,9 +10,15 @@ _MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
 which they have 0.03: stamps of arrival may be many periods late, in bursts."""
 _LATE, _ROUNDS = 0.1, 6
 """Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
-_MOST_UNSURE, _BESIDE, _TOGETHER, _AROUND = 80, 2, 20, 8
-"""Samples in a row among which a gap is looked for, those on either side of it, and between gaps that may be one; samples
-before and after that show how the values change."""
+_BINS, _SMOOTH = 100, 31
+"""Of the phases of stamps within a tick, and those over which their density is smoothed."""
+_MOST_UNSURE, _BESIDE, _AROUND = 120, 2, 8
+"""Samples in a row among which a gap is looked for, those on either side of it, and those before and after them, which
+show how the values change."""
+_MOVES, _MOST_ASKED = 0.1, 20_000
+"""Share of the fastest motion from which values show a tick; places that are asked at most."""
+_TOGETHER, _BRIEF, _BETTER = 40, 0.1, 0.5
+"""Samples, and s, between gaps that may be one; share of the unevenness that another place of a gap leaves at most."""
 _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
@@ -35,7 +41,9 @@ def regular_clock(seconds: Array, values: Array | None = None) -> Array | None:
     ticks = _numbered(seconds, period, values)
     fitted = _wandering(ticks, seconds)
     off = (seconds - fitted) / period
-    regular = float(np.std(off)) <= _MAX_JITTER or abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE
+    regular = float(np.std(off)) <= _MAX_JITTER
+    if not regular and abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE:
+        regular = values is None or _settled(ticks, off, values)
     return fitted if regular and (np.diff(fitted) > 0).all() else None
 
 
@@ -64,29 +72,38 @@ def _numbered(seconds: Array, period: float, values: Array | None) -> Array:
     middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
     phase = np.interp(seconds, middles, np.unwrap(np.angle(phasors)) / (2.0 * np.pi))
     rows = np.arange(len(seconds))
-    ticks = np.round((seconds - seconds[0]) / period - phase)
+    exact = (seconds - seconds[0]) / period - phase
+    ticks = np.round(exact)
     # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
     if (np.diff(ticks) >= 1.0).all():
         return np.asarray(ticks)
+    if float(np.std(exact - ticks)) > _MAX_JITTER:
+        # Stamps are late rather than early: a tick begins at the phase that the fewest stamps have.
+        counts = np.histogram(exact % 1.0, _BINS, (0.0, 1.0))[0]
+        density = np.convolve(np.tile(counts, 3), np.hanning(_SMOOTH + 2), "same")[_BINS : 2 * _BINS]
+        ticks = np.floor(exact - (int(np.argmin(density)) + 0.5) / _BINS)
     lost, weights = ticks - rows, np.ones(len(rows))
     for _ in range(_ROUNDS):
         level = scipy.optimize.isotonic_regression(lost, weights=weights).x
         weights = np.where(lost - level > 0.5, _LATE, 1.0)
     numbered = np.asarray(np.round(level) + rows)
-    return numbered if values is None else _placed(numbered, ticks == numbered, values)
+    for together in () if values is None else (0, min(_TOGETHER, int(_BRIEF / period))):
+        numbered = _placed(numbered, ticks == numbered, values, together)
+    return numbered
 
 
-def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
+def _placed(ticks: Array, on_time: Mask, values: Array, together: int) -> Array:
     """The tick numbers (N,) with each gap between samples that are on time where values (N, C) are most even.
 
     A gap among late samples may be before or after each of them: stamps do not show it. Nor do they where a sample
-    beside the gap is late by a tick, so that samples beside it are asked as well.
+    beside the gap is late by a tick, so that samples beside it are asked as well. Two gaps with no more
+    samples between them than `together` may be one; 0: each gap alone.
     """
     ticks, sure = ticks.copy(), np.flatnonzero(on_time)
     gaps = np.flatnonzero(np.diff(ticks) > 1.0)
-    first = np.append(True, np.diff(gaps) > _TOGETHER)[: len(gaps)]
-    before = np.searchsorted(sure, gaps[first] - _BESIDE, side="right") - 1
-    after = np.searchsorted(sure, gaps[np.roll(first, -1)] + 1 + _BESIDE)
+    pairs = np.column_stack([gaps, gaps] if not together else [gaps[:-1], gaps[1:]])
+    first, last = pairs[pairs[:, 1] - pairs[:, 0] <= together].T
+    before, after = np.searchsorted(sure, first - _BESIDE, side="right") - 1, np.searchsorted(sure, last + 1 + _BESIDE)
     kept = (before >= 0) & (after < len(sure))
     for begin, end in zip(sure[before[kept]], sure[after[kept]], strict=True):
         count = end - begin - 1
@@ -98,12 +115,33 @@ def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
         rows = slice(max(begin + 1 - _AROUND, 0), end + _AROUND)
         every = np.tile(ticks[rows], (len(tried), 1))
         every[:, begin + 1 - rows.start : end - rows.start] = tried
-        ticks[begin + 1 : end] = tried[int(np.argmin(_unevenness(every, values[rows])))]
+        uneven = _unevenness(every, values[rows])
+        best = int(np.argmin(uneven))
+        ticks[begin + 1 : end] = tried[best if uneven[best] < _BETTER * uneven[0] else 0]
     return ticks
 
 
+def _settled(ticks: Array, off: Array, values: Array) -> bool:
+    """Whether values (N, C) are no more even if a gap is a tick shorter or longer, or if there is one more.
+
+    Asked at gaps, and where a stamp is later than the one before it by `off` (N,), in ticks.
+    """
+    moved = np.abs(values[2 * _AROUND - 1 :] - values[: 1 - 2 * _AROUND]).max(axis=1)
+    step = np.diff(ticks) > 1.0
+    asked = np.flatnonzero(
+        (step | (np.abs(np.diff(off)) > 0.5))[_AROUND - 1 : 1 - _AROUND] & (moved > _MOVES * moved.max())
+    )
+    window = np.arange(2 * _AROUND)
+    for some in np.array_split(asked[:: len(asked) // _MOST_ASKED + 1], len(asked) // 2000 + 1):
+        rows = some[:, None] + window
+        as_is, fewer, more = (_unevenness(ticks[rows] + n * (window >= _AROUND), values[rows]) for n in (0, -1, 1))
+        if (np.minimum(fewer, more) < _BETTER * as_is).any():
+            return False
+    return True
+
+
 def _unevenness(ticks: Array, values: Array) -> Array:
-    """(K,) squares of what cubic polynomials over ticks (K, n) leave of values (n, C)."""
+    """(K,) squares of what cubic polynomials over ticks (K, n) leave of values (n, C) or (K, n, C)."""
     middle, half = ticks.mean(axis=1, keepdims=True), np.ptp(ticks, axis=1)[:, None] / 2.0
     basis = np.linalg.qr(((ticks - middle) / half)[:, :, None] ** np.arange(4))[0]
     left = values - basis @ (np.swapaxes(basis, 1, 2) @ values)

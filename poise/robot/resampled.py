@@ -14,7 +14,8 @@ from poise.types import Array, Mask
 
 _GAP = 6.0
 """Median sample intervals that make a gap."""
-_MIN_SAMPLES = 30
+_MIN_SAMPLES, _COMPARED = 30, 1500
+"""Samples of a stretch at least; and those on which two clocks are compared at most."""
 _EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
 _SPACINGS = tuple(0.03 * 1.5**k for k in range(-4, 8))
@@ -107,7 +108,10 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
 def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
     """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
     even = regular_clock(seconds, values)
-    if even is None or _roughness(even, values) >= _roughness(seconds, values):
+    if even is None:
+        return seconds, 0.0
+    part = _liveliest(even, values)
+    if _roughness(even[part], values[part]) >= _roughness(seconds[part], values[part]):
         return seconds, 0.0
     return even, float(np.std(seconds - even))
 
@@ -241,14 +245,22 @@ def _trusted(
 
 def _roughness(seconds: Array, values: Array) -> float:
     """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
-    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
-    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
-    moving = np.ptp(values[part], axis=0) > 1e-4
+    moving = np.ptp(values, axis=0) > 1e-4
     if not moving.any():
         return 0.0
-    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
-    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
+    size = max(round((seconds[-1] - seconds[0]) / 0.1), 1)
+    sigma = SplineFit(Design(Grid.across(seconds, size), seconds), values[:, moving]).sigma
     return float(np.log(np.maximum(sigma, 1e-12)).sum())
+
+
+def _liveliest(seconds: Array, values: Array) -> slice:
+    """The samples in a row, without a gap, in which values (M, C) travel most."""
+    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
+    ways = np.abs(np.diff(values[stretch], axis=0)).sum(axis=1)
+    count = min(len(ways), _COMPARED)
+    travelled = np.cumsum(np.append(0.0, ways))
+    start = stretch.start + int(np.argmax(travelled[count:] - travelled[: len(travelled) - count]))
+    return slice(start, start + count + 1)
 
 
 def _stretches(seconds: Array) -> list[slice]:

@@ -16,6 +16,7 @@ from poise.mismatch.reading.joint_samples import apart, compared_efforts
 from poise.mismatch.recorded import white_level
 from poise.robot import regular_clock
 from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
+from poise.types import Array
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])
@@ -29,8 +30,51 @@ def test_a_clock_is_found_through_jitter_of_a_quarter_of_its_period(lost: float)
     assert np.abs(found - true[kept]).max() < 3e-4
 
 
-def test_stamps_without_a_clock_behind_them_are_left_as_they_are() -> None:
-    assert regular_clock(np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 3000))) is None
+def arrivals(true: Array, worst: float, rng: np.random.Generator) -> Array:
+    """(N,) s, when messages of these times arrive: 1 ms late on average, one in a hundred later, in their order."""
+    late = rng.exponential(1e-3, len(true)) + (rng.random(len(true)) < 0.01) * rng.uniform(0.0, worst, len(true))
+    return np.maximum.accumulate(true + late) + 1e-9 * np.arange(len(true))
+
+
+@pytest.mark.parametrize("rate", [125.0, 250.0, 500.0])
+def test_a_clock_is_found_through_messages_that_arrive_in_bursts(rate: float) -> None:
+    true = 0.0031 + np.arange(int(20 * rate)) / rate * (1.0 + 2e-5)
+    found = regular_clock(arrivals(true, 0.03, np.random.default_rng(3)))
+    assert found is not None
+    off = found - true
+    assert (np.abs(off - np.median(off)) > 0.3 / rate).mean() < 2e-3
+
+
+@pytest.mark.parametrize(("rate", "settled"), [(250.0, True), (500.0, False)])
+def test_lost_samples_among_late_ones_are_placed_by_what_was_sampled_or_the_clock_is_refused(
+    rate: float, settled: bool
+) -> None:
+    rng = np.random.default_rng(3)
+    true = np.arange(int(20 * rate)) / rate
+    kept = np.ones(len(true), dtype=bool)
+    for first in rng.integers(20, len(true) - 20, int(0.006 * len(true))):
+        kept[first : first + int(rng.integers(1, 7))] = False
+    stamps = arrivals(true, 0.03, rng)[kept]
+    position = np.column_stack([np.sin(2.0 * true), np.cos(1.3 * true)])[kept] + 1e-5 * rng.normal(size=(kept.sum(), 2))
+
+    def misplaced(found: Array | None) -> int:
+        assert found is not None
+        off = found - true[kept]
+        return int((np.abs(off - np.median(off)) > 0.3 / rate).sum())
+
+    assert misplaced(regular_clock(stamps)) > 10
+    found = regular_clock(stamps, position)
+    if settled:
+        assert misplaced(found) == 0
+    else:
+        assert found is None
+
+
+@pytest.mark.parametrize("law", ["uniform", "exponential"])
+def test_stamps_without_a_clock_behind_them_are_left_as_they_are(law: str) -> None:
+    rng = np.random.default_rng(6)
+    steps = rng.uniform(0.001, 0.02, 3000) if law == "uniform" else rng.exponential(0.01, 3000)
+    assert regular_clock(np.cumsum(steps)) is None
 
 
 def test_knocks_do_not_raise_the_level_of_the_noise() -> None:
