@@ -132,22 +132,21 @@ def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Arr
     """
     body, scaled = _on_block(block, surface, wrenches)
     loads = _loads(block, body, scaled)
-    queue: list[int] = []
+    extremes: list[int] = []
     for number in np.unique(body):
         on = np.flatnonzero(body == number)
-        queue += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
+        extremes += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
     known, best, asked = np.zeros(len(body)), 0.0, set[int]()
-    while queue and len(asked) < _ASKED * block.geometry.count:
-        row = queue.pop()
-        if row not in asked:
-            asked.add(row)
-            inverse = block.solvers.rough_limit.inverse_factor(loads[row])
-            best = max(best, inverse.upper)
-            if not np.isfinite(best):
-                return best
-            known = np.maximum(known, loads @ inverse.twist)
-        if not queue and int(known.argmax()) not in asked:
-            queue.append(int(known.argmax()))
+    wanted = list(dict.fromkeys(extremes))
+    while wanted:
+        asked |= set(wanted)
+        found = block.solvers.rough_limit.inverse_factors(loads[wanted], np.zeros(len(wanted)))
+        best = max(best, float(found.upper.max()))
+        if not np.isfinite(best):
+            return best
+        known = np.maximum(known, (loads @ found.twist.T).max(axis=1))
+        weakest = int(known.argmax())
+        wanted = [weakest] if weakest not in asked and len(asked) < _ASKED * block.geometry.count else []
     return best
 
 
