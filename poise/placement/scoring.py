@@ -195,5 +195,6 @@ def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
     hull = plane[ConvexHull(plane).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))
-    turned = [hull @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
-    return float(min(np.prod(np.ptp(t, axis=0)) for t in turned) * np.ptp(corners @ up))
+    cosines, sines, (x, y) = np.cos(angles)[:, None], np.sin(angles)[:, None], hull.T
+    areas = np.ptp(cosines * x + sines * y, axis=1) * np.ptp(cosines * y - sines * x, axis=1)
+    return float(areas.min() * np.ptp(corners @ up))

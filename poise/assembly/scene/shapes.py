@@ -104,8 +104,23 @@ class Polyhedron:
         np.add.at(sums, vertex, normals)
         return np.asarray(-np.linalg.solve(squares, sums[..., None])[..., 0])
 
+    @cached_property
+    def _outlines(self) -> dict[int, Indices | None]:
+        return {}
+
+    def outline(self, facet: int) -> Indices | None:
+        """(K,) vertex numbers around a facet, counter-clockwise from outside; None where its border is not one ring."""
+        if facet not in self._outlines:
+            self._outlines[facet] = _ring(self.facet_triangles[facet])
+        return self._outlines[facet]
+
     def polygon(self, facet: int, vertices: Array, origin: Array, axes: Array) -> shapely.Geometry:
         """A facet as a polygon in the plane of axes (2, 3) through origin (3,), with its vertices placed anywhere."""
+        # Facets of convex bodies are convex, in whatever plane near theirs.
+        if self.convex and (outline := self.outline(facet)) is not None:
+            whole = shapely.polygons((vertices[outline] - origin) @ axes.T)
+            if shapely.is_valid(whole):
+                return whole
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
         triangles = shapely.polygons(corners)
         if len(triangles) == 1:
@@ -302,6 +317,19 @@ def _groups(number: Indices, rows: Indices, count: int) -> list[Indices]:
     """Rows (N, ...) in groups by their ascending numbers (N,), from 0 to `count` - 1."""
     ends = np.searchsorted(number, np.arange(count + 1)).tolist()
     return [rows[begin:end] for begin, end in pairwise(ends)]
+
+
+def _ring(triangles: Indices) -> Indices | None:
+    """(K,) the vertices on the border of triangles (T, 3), in order; None where it is not one ring."""
+    sides = {(int(a), int(b)) for triangle in triangles for a, b in zip(triangle, np.roll(triangle, -1), strict=True)}
+    after = {a: b for a, b in sides if (b, a) not in sides}
+    start = place = next(iter(after), None)
+    ring = []
+    while place in after and len(ring) < len(after):
+        ring.append(place)
+        place = after[place]
+    whole = len(ring) == len(after) == len({b for a, b in sides if (b, a) not in sides}) and place == start
+    return np.array(ring) if whole and ring else None
 
 
 def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
