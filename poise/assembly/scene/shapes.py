@@ -22,6 +22,9 @@ _BALL_STEPS = 12
 # Neighbouring triangles within this angle are one facet, rad.
 _COPLANAR_ANGLE = 1e-3
 
+_TWO_TRIANGLES = 4
+"""Corners of an outline that never crosses itself, because its triangles are turned alike."""
+
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
@@ -119,7 +122,7 @@ class Polyhedron:
         # Facets of convex bodies are convex, in whatever plane near theirs.
         if self.convex and (outline := self.outline(facet)) is not None:
             whole = shapely.polygons((vertices[outline] - origin) @ axes.T)
-            if shapely.is_valid(whole):
+            if len(outline) <= _TWO_TRIANGLES or shapely.is_valid(whole):
                 return whole
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
         triangles = shapely.polygons(corners)
@@ -321,7 +324,7 @@ def _groups(number: Indices, rows: Indices, count: int) -> list[Indices]:
 
 def _ring(triangles: Indices) -> Indices | None:
     """(K,) the vertices on the border of triangles (T, 3), in order; None where it is not one ring."""
-    sides = {(int(a), int(b)) for triangle in triangles for a, b in zip(triangle, np.roll(triangle, -1), strict=True)}
+    sides = {side for a, b, c in triangles.tolist() for side in ((a, b), (b, c), (c, a))}
     after = {a: b for a, b in sides if (b, a) not in sides}
     start = place = next(iter(after), None)
     ring = []
