@@ -327,7 +327,7 @@ def _ring(triangles: Indices) -> Indices | None:
     sides = {side for a, b, c in triangles.tolist() for side in ((a, b), (b, c), (c, a))}
     after = {a: b for a, b in sides if (b, a) not in sides}
     start = place = next(iter(after), None)
-    ring = []
+    ring: list[int] = []
     while place in after and len(ring) < len(after):
         ring.append(place)
         place = after[place]

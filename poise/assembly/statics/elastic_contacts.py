@@ -12,7 +12,7 @@ from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.deadline import Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.assembly.statics.load_path import LoadPath, PathPoint
+from poise.assembly.statics.load_path import CompiledPoints, LoadPath, PathPoint
 from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
@@ -256,11 +256,8 @@ class CompiledElasticContacts:
         start = None if begin is None else (begin.displacement[entries], begin.factor, begin.compliance)
         slope = None if response is None else response[entries]
         found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining), look)
-        places = np.empty_like(found.displacements)
-        places[:, entries] = found.displacements
         numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()
-        points = [PathPoint(u, factor, True, *more) for u, factor, *more in zip(places, *numbers, strict=True)]
-        return LoadPath(points, self._back(found.end), found.ended)
+        return LoadPath(CompiledPoints(found.displacements, entries, *numbers), self._back(found.end), found.ended)
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""

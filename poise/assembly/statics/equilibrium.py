@@ -17,6 +17,8 @@ _MARGINAL = 1e-6
 
 _BALANCED = 1e-10
 """What forces that prove a margin may leave of the loads, in the block's units."""
+_FEW = 8
+"""Bodies of a block up to which matrices are dense."""
 _WEIGHTED, _LEAST_WEIGHT = 4, 1e-3
 """Times that such forces are looked for, each with the normal forces of the last one as weights, of at least this."""
 
@@ -65,7 +67,7 @@ def stability(
     corners = np.bincount(geometry.interface)[geometry.interface]
     spread = np.zeros((len(corners), 3))
     spread[:, 0] = 1 / corners
-    opening = geometry.grasp @ spread.ravel()
+    opening = (geometry.dense_grasp if geometry.count <= _FEW else geometry.grasp) @ spread.ravel()
     found = PairProgram(corner_rows(geometry, opening, equal=True), tolerance, order).solve(load)
     if found.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides
         return Standing(np.inf, np.zeros_like(load))
