@@ -193,7 +193,7 @@ def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
     up = -unit(gravity)
     plane = corners @ plane_axes(up).T
     hull = plane[ConvexHull(plane).vertices]
-    sides = np.roll(hull, -1, axis=0) - hull
+    sides = np.concatenate([hull[1:], hull[:1]]) - hull
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))
     cosines, sines, (x, y) = np.cos(angles)[:, None], np.sin(angles)[:, None], hull.T
     areas = np.ptp(cosines * x + sines * y, axis=1) * np.ptp(cosines * y - sines * x, axis=1)

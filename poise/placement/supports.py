@@ -128,8 +128,8 @@ def find_supports(
     Args:
         analysis: of the assembly; it has to stand.
         on: objects, fixed, or any: what may carry.
-        guide: source of the robustness of places: limit (uniform pressure, and limit analysis where forces have a choice), approx or thesis (the models of that name,
-            place by place), or uniform (none).
+        guide: source of the robustness of places: limit (uniform pressure, and limit analysis where forces have a
+            choice), approx or thesis (the models of that name, place by place), or uniform (none).
         count: places to spread.
         scale: m, of the object to place; nearness falls off over it and the size of the scene.
         rng: of the spread.

@@ -119,11 +119,9 @@ class Polyhedron:
 
     def polygon(self, facet: int, vertices: Array, origin: Array, axes: Array) -> shapely.Geometry:
         """A facet as a polygon in the plane of axes (2, 3) through origin (3,), with its vertices placed anywhere."""
-        # Facets of convex bodies are convex, in whatever plane near theirs.
-        if self.convex and (outline := self.outline(facet)) is not None:
-            whole = shapely.polygons((vertices[outline] - origin) @ axes.T)
-            if len(outline) <= _TWO_TRIANGLES or shapely.is_valid(whole):
-                return whole
+        outline = self.outline(facet) if self.convex else None
+        if outline is not None and len(outline) <= _TWO_TRIANGLES:  # no larger union need be looked for
+            return shapely.polygons((vertices[outline] - origin) @ axes.T)
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
         triangles = shapely.polygons(corners)
         if len(triangles) == 1:
