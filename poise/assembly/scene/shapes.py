@@ -22,9 +22,6 @@ _BALL_STEPS = 12
 # Neighbouring triangles within this angle are one facet, rad.
 _COPLANAR_ANGLE = 1e-3
 
-_TWO_TRIANGLES = 4
-"""Corners of an outline that never crosses itself, because its triangles are turned alike."""
-
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
@@ -107,21 +104,8 @@ class Polyhedron:
         np.add.at(sums, vertex, normals)
         return np.asarray(-np.linalg.solve(squares, sums[..., None])[..., 0])
 
-    @cached_property
-    def _outlines(self) -> dict[int, Indices | None]:
-        return {}
-
-    def outline(self, facet: int) -> Indices | None:
-        """(K,) vertex numbers around a facet, counter-clockwise from outside; None where its border is not one ring."""
-        if facet not in self._outlines:
-            self._outlines[facet] = _ring(self.facet_triangles[facet])
-        return self._outlines[facet]
-
     def polygon(self, facet: int, vertices: Array, origin: Array, axes: Array) -> shapely.Geometry:
         """A facet as a polygon in the plane of axes (2, 3) through origin (3,), with its vertices placed anywhere."""
-        outline = self.outline(facet) if self.convex else None
-        if outline is not None and len(outline) <= _TWO_TRIANGLES:  # no larger union need be looked for
-            return shapely.polygons((vertices[outline] - origin) @ axes.T)
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
         triangles = shapely.polygons(corners)
         if len(triangles) == 1:
@@ -318,19 +302,6 @@ def _groups(number: Indices, rows: Indices, count: int) -> list[Indices]:
     """Rows (N, ...) in groups by their ascending numbers (N,), from 0 to `count` - 1."""
     ends = np.searchsorted(number, np.arange(count + 1)).tolist()
     return [rows[begin:end] for begin, end in pairwise(ends)]
-
-
-def _ring(triangles: Indices) -> Indices | None:
-    """(K,) the vertices on the border of triangles (T, 3), in order; None where it is not one ring."""
-    sides = {side for a, b, c in triangles.tolist() for side in ((a, b), (b, c), (c, a))}
-    after = {a: b for a, b in sides if (b, a) not in sides}
-    start = place = next(iter(after), None)
-    ring: list[int] = []
-    while place in after and len(ring) < len(after):
-        ring.append(place)
-        place = after[place]
-    whole = len(ring) == len(after) == len({b for a, b in sides if (b, a) not in sides}) and place == start
-    return np.array(ring) if whole and ring else None
 
 
 def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:

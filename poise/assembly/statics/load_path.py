@@ -6,7 +6,7 @@ displacement grows under a load that does not: there a given factor has no equil
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import overload
 
 import numpy as np
@@ -55,7 +55,7 @@ class PathPoint:
 
 @dataclass(frozen=True, eq=False)
 class CompiledPoints(Sequence[PathPoint]):
-    """The points of a path that the compiled kernel followed; each is made when it is asked for.
+    """The points of a path that the compiled kernel followed; each is made when it is first asked for, and kept.
 
     Args:
         displacements: (K, 6 n), with bodies in the order of elimination.
@@ -68,6 +68,7 @@ class CompiledPoints(Sequence[PathPoint]):
     factors: list[float]
     compliances: list[float]
     steps: list[int]
+    _made: dict[int, PathPoint] = field(default_factory=dict, init=False)
 
     def __len__(self) -> int:
         return len(self.factors)
@@ -79,9 +80,13 @@ class CompiledPoints(Sequence[PathPoint]):
     def __getitem__(self, number: int | slice) -> PathPoint | list[PathPoint]:
         if isinstance(number, slice):
             return [self[k] for k in range(*number.indices(len(self)))]
-        place = np.empty(self.displacements.shape[1])
-        place[self.entries] = self.displacements[number]
-        return PathPoint(place, self.factors[number], True, self.compliances[number], self.steps[number])
+        number = range(len(self))[number]
+        if number not in self._made:
+            place = np.empty(self.displacements.shape[1])
+            place[self.entries] = self.displacements[number]
+            numbers = self.compliances[number], self.steps[number]
+            self._made[number] = PathPoint(place, self.factors[number], True, *numbers)
+        return self._made[number]
 
 
 @dataclass(frozen=True, eq=False)
