@@ -7,6 +7,7 @@ from scipy.sparse import block_diag, diags_array, eye_array, vstack
 
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.elimination import Elimination
+from poise.assembly.statics.least_forces import least_forces
 from poise.assembly.statics.pair_program import PairProgram, PairRows
 from poise.assembly.statics.solvers import SOLVER_TOLERANCE, Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
@@ -136,6 +137,9 @@ def _margin_of(forces: Array, left: Array, friction: Array, corners: Indices) ->
 def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: int | None = None) -> Array:
     """Contact forces that balance gravity, or another load, with the least sum of squares (thesis eq. 4.12-4.15).
 
+    Within friction circles by Newton steps, whose forces are checked. By Clarabel where these do not end, and within
+    polygons.
+
     Args:
         geometry: the block.
         load: (6 n,) in the block's units; None: gravity.
@@ -148,6 +152,8 @@ def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: in
         NoAnswerError: UNSTABLE when no forces do; SOLVER_FAILED.
     """
     load = geometry.gravity.ravel() if load is None else load
+    if sides is None and np.isfinite(load).all() and (found := least_forces(geometry, load)) is not None:
+        return found
     size = len(geometry.points)
     balance = geometry.grasp
     if sides is None:
