@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from growth import wall as wall_with_half_bricks
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -30,7 +31,7 @@ from poise.types import Array
 Row = dict[str, Any]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 QUERY_GOALS = {"cube": 0.12, "stack3": 0.3, "table": 0.4}
-MAP_GOALS = {"cube": 15, "stack3": 200, "table": 250, "wall10": 300, "stack30": 4000, "bowl": 40}
+MAP_GOALS = {"cube": 15, "stack3": 200, "table": 250, "wall10": 300, "wall10_halves": 300, "stack30": 4000, "bowl": 40}
 # Pushes for models that take milliseconds or more for each; all others answer all.
 FEW = {"coulomb": 20, "thesis": 200, "lp4": 40, "lp8": 40, "pybullet": 20}
 SIZES = (2, 3, 5, 10, 20, 33)
@@ -101,6 +102,7 @@ MAPPED: dict[str, Callable[[], Assembly]] = {
     "stack3": lambda: stack(3),
     "table": table,
     "wall10": lambda: wall(4, 3),
+    "wall10_halves": lambda: wall_with_half_bricks(10),
     "stack30": lambda: stack(30),
 }
 

@@ -32,13 +32,14 @@ def plane_axes(normals: Array) -> Array:
 
     Duff et al. 2017, "Building an orthonormal basis, revisited": no branch, no loss of digits.
     """
-    x, y, z = np.moveaxis(normals, -1, 0)
+    x, y, z = normals[..., 0], normals[..., 1], normals[..., 2]
     sign = np.where(z >= 0, 1.0, -1.0)
     a = -1.0 / (sign + z)
     b = x * y * a
-    u = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    v = np.stack([b, sign + y * y * a, -y], axis=-1)
-    return np.stack([u, v], axis=-2)
+    axes = np.empty((*normals.shape[:-1], 2, 3))
+    axes[..., 0, 0], axes[..., 0, 1], axes[..., 0, 2] = 1 + sign * x * x * a, sign * b, -sign * x
+    axes[..., 1, 0], axes[..., 1, 1], axes[..., 1, 2] = b, sign + y * y * a, -y
+    return axes
 
 
 def wrench_of_force(force: Array, point: Array) -> Array:

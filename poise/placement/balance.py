@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from poise.assembly import Analysis, RigidObject
-from poise.geometry import Pose, plane_axes
+from poise.geometry import Pose, cross, plane_axes
 from poise.placement.matching import SupportPoint
 from poise.types import Array
 
@@ -33,7 +33,7 @@ def unbalanced_share(points: Array, normals: Array, friction: Array, gravity: Ar
     """
     slides = np.sqrt(2) * friction[:, None, None] * plane_axes(normals)
     forces = normals[:, None] + np.concatenate([slides, -slides], axis=1)
-    moments = np.cross(points[:, None], forces) / size
+    moments = cross(points[:, None], forces) / size
     columns = np.concatenate([forces, moments], axis=2).reshape(-1, 6)
     return float(nnls(columns.T, np.append(-gravity, np.zeros(3)))[1])
 

@@ -132,22 +132,21 @@ def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Arr
     """
     body, scaled = _on_block(block, surface, wrenches)
     loads = _loads(block, body, scaled)
-    queue: list[int] = []
+    extremes: list[int] = []
     for number in np.unique(body):
         on = np.flatnonzero(body == number)
-        queue += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
+        extremes += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
     known, best, asked = np.zeros(len(body)), 0.0, set[int]()
-    while queue and len(asked) < _ASKED * block.geometry.count:
-        row = queue.pop()
-        if row not in asked:
-            asked.add(row)
-            inverse = block.solvers.rough_limit.inverse_factor(loads[row])
-            best = max(best, inverse.upper)
-            if not np.isfinite(best):
-                return best
-            known = np.maximum(known, loads @ inverse.twist)
-        if not queue and int(known.argmax()) not in asked:
-            queue.append(int(known.argmax()))
+    wanted = list(dict.fromkeys(extremes))
+    while wanted:
+        asked |= set(wanted)
+        found = block.solvers.rough_limit.inverse_factors(loads[wanted], np.zeros(len(wanted)))
+        best = max(best, float(found.upper.max()))
+        if not np.isfinite(best):
+            return best
+        known = np.maximum(known, (loads @ found.twist.T).max(axis=1))
+        weakest = int(known.argmax())
+        wanted = [weakest] if weakest not in asked and len(asked) < _ASKED * block.geometry.count else []
     return best
 
 
@@ -194,7 +193,8 @@ def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
     up = -unit(gravity)
     plane = corners @ plane_axes(up).T
     hull = plane[ConvexHull(plane).vertices]
-    sides = np.roll(hull, -1, axis=0) - hull
+    sides = np.concatenate([hull[1:], hull[:1]]) - hull
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))
-    turned = [hull @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
-    return float(min(np.prod(np.ptp(t, axis=0)) for t in turned) * np.ptp(corners @ up))
+    cosines, sines, (x, y) = np.cos(angles)[:, None], np.sin(angles)[:, None], hull.T
+    areas = np.ptp(cosines * x + sines * y, axis=1) * np.ptp(cosines * y - sines * x, axis=1)
+    return float(areas.min() * np.ptp(corners @ up))

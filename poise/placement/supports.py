@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.assembly import Analysis, Push, RigidObject, assess, robustness_map
+from poise.assembly import Analysis, Push, RigidObject, assess
 from poise.assembly.contact import SurfacePoints
+from poise.assembly.robustness import rough_robustness
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import unit
 from poise.placement.features import PARALLEL_SINE, is_convex
@@ -17,7 +18,7 @@ from poise.types import Array, Mask
 _FACES_UP = 0.02
 """Least cosine between a carrying surface's normal and up."""
 _TOLERANCE = 0.3
-"""Relative; of the robustness map that only guides."""
+"""Relative; of the robustness that only guides."""
 _GUIDES = ("limit", "approx", "thesis", "uniform")
 _GUIDE_SECONDS = 5.0
 """s for guides that ask every place by itself; what they have not reached by then is held for weak."""
@@ -127,8 +128,8 @@ def find_supports(
     Args:
         analysis: of the assembly; it has to stand.
         on: objects, fixed, or any: what may carry.
-        guide: source of the robustness of places: limit (robustness map), approx or thesis (the models of that name,
-            place by place), or uniform (none).
+        guide: source of the robustness of places: limit (uniform pressure, and limit analysis where forces have a
+            choice), approx or thesis (the models of that name, place by place), or uniform (none).
         count: places to spread.
         scale: m, of the object to place; nearness falls off over it and the size of the scene.
         rng: of the spread.
@@ -228,7 +229,7 @@ def _guide(analysis: Analysis, guide: str, places: NDArray[np.int64], points: Ar
         surface = SurfacePoints(places[movable], points[movable], -normals[movable])
         try:
             if guide == "limit":
-                robustness[movable] = robustness_map(analysis, surface, _TOLERANCE, "limit").lower
+                robustness[movable] = rough_robustness(analysis, surface, _TOLERANCE)
             else:
                 robustness[movable] = _asked(analysis, guide, surface)
         except PoiseError:

@@ -177,17 +177,18 @@ class Validator:
         blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
         # Objects elsewhere may be far lighter than this one: their margins are shares of their own weight.
         least = [_LEAST_MARGIN * min(self._weight / block.geometry.units.weight, 1.0) for block in blocks]
-        if any(block.solvers.balance.margin < share for block, share in zip(blocks, least, strict=True)):
-            return FALLS
-        held = (block.geometry.grasp.toarray() for block in blocks)
-        if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):
+        everywhere = True
+        for block, share in zip(blocks, least, strict=True):
+            held = block.solvers.held(share)
+            if held.margin < share:
+                return FALLS
+            everywhere &= held.everywhere
+        if not everywhere:
             return ROLLS
         if analysis.structure.floating:
             return FALLS
-        for block, share in zip(blocks, least, strict=True):
-            standing, known = block.solvers.standing()
-            if not known or standing.margin < share:
-                return FALLS
+        if not all(block.solvers.stands_by(share) for block, share in zip(blocks, least, strict=True)):
+            return FALLS
         return None
 
 

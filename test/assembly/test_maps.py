@@ -83,15 +83,20 @@ def test_a_map_takes_far_fewer_solves_than_points():
 
 
 def test_no_load_is_asked_of_limit_analysis_twice(monkeypatch):
-    asked, solve = [], LoadFactorProgram.inverse_factor
+    asked, solve, each = [], LoadFactorProgram.inverse_factor, LoadFactorProgram.each
 
     def counted(program, load, enough=0.0):
         asked.append((id(program), load.tobytes()))
         return solve(program, load, enough)
 
+    def all_counted(program, loads):
+        asked.extend((id(program), load.tobytes()) for load in loads)
+        return each(program, loads)
+
     analysis = Analysis.of(scenes.wall(2, 2))
     analysis.stability()
     monkeypatch.setattr(LoadFactorProgram, "inverse_factor", counted)
+    monkeypatch.setattr(LoadFactorProgram, "each", all_counted)
     found = robustness_map(analysis, 200)
     limit = id(analysis.blocks[0].solvers.rough_limit)
     loads = [load for program, load in asked if program == limit]

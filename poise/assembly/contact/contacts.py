@@ -102,10 +102,8 @@ def find_interfaces(
     bodies = [placed(item) for item in assembly.objects]
     wanted = None if only is None else np.array([item.id in only for item in assembly.objects])
     interfaces: list[Interface] = []
-    pairs = _pairs_near(bodies, margin)
+    pairs = _pairs_near(bodies, margin) if wanted is None else _pairs_with(bodies, np.flatnonzero(wanted), margin)
     for number, (i, j) in enumerate(pairs):
-        if wanted is not None and not (wanted[i] or wanted[j]):
-            continue
         if number >= _SOON and late():
             raise NoAnswerError(
                 ErrorCode.DEADLINE,
@@ -141,7 +139,7 @@ def overlapping(assembly: Assembly, allowed: Array | float = 0.0) -> list[tuple[
     return sorted(found, key=lambda each: -each[2])
 
 
-def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
+def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[tuple[int, int]]:
     """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
     bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
     fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
@@ -155,8 +153,18 @@ def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
         near &= ~(fixed[rows, None] & fixed[columns])
         pairs.append(np.argwhere(np.triu(near, 1)) + begin)
     found = np.sort(order[np.concatenate(pairs)], axis=1) if pairs else np.zeros((0, 2), dtype=np.int64)
-    sorted_pairs: list[list[int]] = found[np.lexsort(found.T[::-1])].tolist()
-    return sorted_pairs
+    return [(i, j) for i, j in found[np.lexsort(found.T[::-1])].tolist()]
+
+
+def _pairs_with(bodies: list[PlacedBody], wanted: Indices, margin: float) -> list[tuple[int, int]]:
+    """The same pairs, of those with one of some bodies (places)."""
+    bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
+    fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
+    low, high = bounds[:, 0], bounds[:, 1] + margin
+    near = np.all((low[wanted, None] <= high) & (low <= high[wanted, None]), axis=2)
+    near &= ~(fixed[wanted, None] & fixed)
+    near[np.arange(len(wanted)), wanted] = False
+    return sorted({(min(i, j), max(i, j)) for i, j in ((int(wanted[a]), int(b)) for a, b in np.argwhere(near))})
 
 
 def _overlap(first: PlacedBody, second: PlacedBody, margin: float) -> float:

@@ -49,10 +49,10 @@ class ContactPatch:
         """The same, from the second body into the first."""
         return replace(self, normal=-self.normal)
 
-    @property
+    @cached_property
     def area(self) -> float:
         """m2."""
-        return float(triangle_areas(self.triangles).sum())
+        return float(triangle_areas(self.triangles).sum()) if len(self.triangles) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class PlacedBody:
 
     def facets_near(self, bounds: Array) -> Indices:
         """Numbers of the facets whose bounds meet these (2, 3)."""
-        return np.flatnonzero(meeting(np.moveaxis(self.facet_bounds, 1, 0), bounds))
+        return np.flatnonzero(meeting((self.facet_bounds[:, 0], self.facet_bounds[:, 1]), bounds))
 
     def edges_near(self, bounds: Array) -> Indices:
         """Numbers of the edges whose bounds meet these (2, 3)."""
@@ -197,7 +197,7 @@ def bounds_of(corners: Array) -> Array:
     return np.stack([corners.min(axis=1), corners.max(axis=1)])
 
 
-def meeting(bounds: Array, others: Array) -> Mask:
+def meeting(bounds: Array | tuple[Array, Array], others: Array) -> Mask:
     """(N,) which of the bounds (2, N, 3) meet others (2, 3)."""
     (low, high), (floor, top) = bounds, others
     meets = (low[:, 0] <= top[0]) & (high[:, 0] >= floor[0])

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody
-from poise.geometry import plane_axes, unit
+from poise.geometry import cross, lengths, plane_axes, unit
 from poise.types import Array, Indices, Mask
 
 # Facets within this angle of opposite may lie flat on each other, rad (a scan's pose is not better).
@@ -188,6 +188,9 @@ def _on_facet(
         if not len(open_edges) and not height.keys() - lying:
             return []
     pushing = body.edges[open_edges[body.edges_push(open_edges, -normal)]].tolist() if len(open_edges) else []
+    pressing = [vertex for vertex in height.keys() - lying if body.vertex_pushes(vertex, -normal)]
+    if not pushing and not pressing:
+        return []
     polygon, origin, axes = base.polygon(facet), base.origins[facet], base.axes[facet]
     inside = polygon.buffer(-tolerance)
     for i, j in pushing:
@@ -199,9 +202,9 @@ def _on_facet(
             gap = (height[i] + height[j]) / 2
             patches.append(ContactPatch(origin + ends @ axes + gap / 2 * normal, normal, gap, NO_TRIANGLES))
             lying |= {i, j}
-    for vertex in height.keys() - lying:
+    for vertex in [vertex for vertex in pressing if vertex not in lying]:
         place = (body.vertices[vertex] - origin) @ axes.T
-        if inside.covers(shapely.Point(place)) and body.vertex_pushes(vertex, -normal):
+        if inside.covers(shapely.Point(place)):
             gap = height[vertex]
             point = body.vertices[vertex] - gap / 2 * normal
             patches.append(ContactPatch(point[None], normal, gap, NO_TRIANGLES))
@@ -229,18 +232,18 @@ def _edge_across_edge(
     a = first.vertices[first.edges[edges[0]]]
     b = second.vertices[second.edges[edges[1]]]
     run_a, run_b = (a[:, 1] - a[:, 0])[:, None], (b[:, 1] - b[:, 0])[None]
-    cross = np.cross(run_a, run_b)
-    length = np.linalg.norm(cross, axis=2)
-    crossing = length > 1e-3 * np.linalg.norm(run_a, axis=2) * np.linalg.norm(run_b, axis=2)
+    across = cross(run_a, run_b)
+    length = lengths(across)
+    crossing = length > 1e-3 * lengths(run_a) * lengths(run_b)
     square = np.where(crossing, length, 1.0) ** 2
     between = b[None, :, 0] - a[:, None, 0]
-    s = np.einsum("ijk,ijk->ij", np.cross(between, run_b), cross) / square
-    t = np.einsum("ijk,ijk->ij", np.cross(between, run_a), cross) / square
-    distance = np.abs(np.einsum("ijk,ijk->ij", between, cross)) / np.sqrt(square)
+    s = np.einsum("ijk,ijk->ij", cross(between, run_b), across) / square
+    t = np.einsum("ijk,ijk->ij", cross(between, run_a), across) / square
+    distance = np.abs(np.einsum("ijk,ijk->ij", between, across)) / np.sqrt(square)
     inner = (s > 1e-6) & (s < 1 - 1e-6) & (t > 1e-6) & (t < 1 - 1e-6)
     patches = []
     for i, j in np.argwhere(crossing & inner & (distance <= margin)):
-        normal = cross[i, j] / length[i, j]
+        normal = across[i, j] / length[i, j]
         for n in (normal, -normal):
             if first.edge_pushes(int(edges[0][i]), n) and second.edge_pushes(int(edges[1][j]), -n):
                 point_a, point_b = a[i, 0] + s[i, j] * run_a[i, 0], b[j, 0] + t[i, j] * run_b[0, j]

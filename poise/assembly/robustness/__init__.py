@@ -26,7 +26,7 @@ from poise.assembly.robustness.block_answers import (
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
 from poise.assembly.robustness.likely_cause import EXPLAINED, likely_cause
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
-from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
+from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map, rough_robustness
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
 from poise.assembly.robustness.rolling_findings import rolling_findings
@@ -71,5 +71,6 @@ __all__ = [
     "plan_disassembly",
     "robustness_map",
     "rolling_findings",
+    "rough_robustness",
     "sensitivity",
 ]

@@ -23,24 +23,28 @@ CHECKED_SHARE = 0.98
 CHECKED_WEIGHTS = 1000.0
 """Loads without limit are checked at this many weights of the assembly."""
 
+_BODIES_AT_ONCE = 64
+"""Bodies of the loads that a block is asked about between two looks at the deadline: some milliseconds."""
 _AT_ONCE = 200
 """Loads on a single body that limit analysis is asked about between two looks at the deadline: some milliseconds."""
 
 
-def limit_factors(block: BlockAnalysis, load: Array) -> list[InverseLoadFactor]:
+def limit_factors(block: BlockAnalysis, loads: Array) -> list[list[InverseLoadFactor]]:
     """By limit analysis alone."""
-    return [block.solvers.limit.inverse_factor(load)]
+    return [[found] for found in block.solvers.limit.each(loads)]
 
 
-def patch_factors(block: BlockAnalysis, load: Array) -> list[InverseLoadFactor]:
+def patch_factors(block: BlockAnalysis, loads: Array) -> list[list[InverseLoadFactor]]:
     """By patches alone."""
-    return both_factors(block, load)[-1:]
+    return [found[-1:] for found in both_factors(block, loads)]
 
 
-def both_factors(block: BlockAnalysis, load: Array) -> list[InverseLoadFactor]:
+def both_factors(block: BlockAnalysis, loads: Array) -> list[list[InverseLoadFactor]]:
     """By limit analysis, and by patches where friction spread uniformly can hold the block at rest."""
-    found = block.solvers.limit.inverse_factor(load)
-    return [found] if block.solvers.patch is None else [found, block.solvers.patch.inverse_factor(load, found)]
+    limits, patch = block.solvers.limit.each(loads), block.solvers.patch
+    if patch is None:
+        return [[limit] for limit in limits]
+    return [[limit, patch.inverse_factor(load, limit)] for load, limit in zip(loads, limits, strict=True)]
 
 
 def ask_block(
@@ -49,22 +53,25 @@ def ask_block(
     questions: Indices,
     loads: Array,
     deadline: Deadline,
-    inverses: Callable[[BlockAnalysis, Array], list[InverseLoadFactor]],
+    inverses: Callable[[BlockAnalysis, Array], list[list[InverseLoadFactor]]],
 ) -> dict[int, InverseLoadFactor]:
-    """Solve one block for loads (q, 6 n) one by one; loads after the deadline are given up.
+    """Solve one block for loads (q, 6 n), some at once; loads after the deadline are given up.
 
     Returns:
         The first answer to each question that was solved.
     """
     answers: dict[int, InverseLoadFactor] = {}
-    for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
+    step = max(1, _BODIES_AT_ONCE // block.geometry.count)
+    for start in range(0, len(loads), step):
+        some = slice(start, start + step)
         if deadline.passed:
-            limit_loads.give_up(questions[row:])
+            limit_loads.give_up(questions[start:])
             break
-        found = inverses(block, load)
-        answers[question] = found[0]
-        for inverse in found:
-            _limit_by(limit_loads, block, question, load, inverse)
+        found = inverses(block, loads[some])
+        for question, load, inverses_of in zip(questions[some].tolist(), loads[some], found, strict=True):
+            answers[question] = inverses_of[0]
+            for inverse in inverses_of:
+                _limit_by(limit_loads, block, question, load, inverse)
     return answers
 
 

@@ -61,19 +61,29 @@ class _ElasticPool(Pool):
 
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
         values: list[float] = []
+        limits = self._limits(body, wrenches)
         for wrench in wrenches:
             if self.deadline.passed:
                 break
-            values.append(self._inverse_factor(body, wrench))
+            values.append(self._inverse_factor(body, wrench, limits))
         return np.array(values)
 
-    def _inverse_factor(self, body: int, wrench: Array) -> float:
+    def _limits(self, body: int, wrenches: Array) -> dict[bytes, InverseLoadFactor]:
+        """What limit analysis says of those wrenches that may be asked and of which the map does not know it."""
+        some = wrenches[: self.deadline.left[0]] if isinstance(self.deadline, _Ration) else wrenches
+        new = [wrench for wrench in some if (body, wrench.tobytes()) not in self.answers]
+        if not new or self.deadline.passed:
+            return {}
+        found = self.block.solvers.rough_limit.each(np.array([self.load(body, wrench) for wrench in new]))
+        return {wrench.tobytes(): limit for wrench, limit in zip(new, found, strict=True)}
+
+    def _inverse_factor(self, body: int, wrench: Array, limits: dict[bytes, InverseLoadFactor]) -> float:
         """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
         if isinstance(self.deadline, _Ration):
             self.deadline.left[0] -= 1
         load = self.load(body, wrench)
         # As single pushes: with the centres of pressure where they are at collapse, not at rest as in the map before.
-        limit = max(factor.upper for factor in self._programs(body, wrench, load))
+        limit = max(factor.upper for factor in self._programs(body, wrench, load, limits))
         if not np.isfinite(limit):
             return limit
         above = CHECKED_SHARE / max(limit, self._floor)
@@ -89,11 +99,14 @@ class _ElasticPool(Pool):
             self._unknown.append(wrench)
         return max(limit, 1 / found.value) if found.value > 0 else np.inf
 
-    def _programs(self, body: int, wrench: Array, load: Array) -> list[InverseLoadFactor]:
+    def _programs(
+        self, body: int, wrench: Array, load: Array, limits: dict[bytes, InverseLoadFactor]
+    ) -> list[InverseLoadFactor]:
         """As `both_factors`, with what the map has asked before."""
         solvers, known = self.block.solvers, self.answers.get((body, wrench.tobytes()))
         self.bounds.solves += known is None
-        limit = solvers.rough_limit.inverse_factor(load) if known is None else known.limit
+        limit = known.limit if known is not None else limits.get(wrench.tobytes())
+        limit = solvers.rough_limit.inverse_factor(load) if limit is None else limit
         resting = None if known is None else known.resting
         if solvers.patch is None or (known is not None and resting is None):  # patches can have its friction
             return [limit]

@@ -10,7 +10,7 @@ from poise.assembly.robustness.elastic_maps import confirm_map
 from poise.assembly.robustness.map_regions import Bounds, Pool, bound_block, chunks
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
-from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism
+from poise.assembly.statics import NO_DEADLINE, Analysis, BlockAnalysis, Deadline, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
 from poise.ranges import check_range
@@ -117,6 +117,30 @@ def robustness_map(
     return RobustnessMap(analysis, surface, *known, doubtful, complete, bounds.solves, seconds)
 
 
+def rough_robustness(analysis: Analysis, surface: SurfacePoints, tolerance: float) -> Array:
+    """(N,) N, about how hard points may be pushed, to choose among them; inf above `_CEILING` weights.
+
+    Nothing is certified.
+
+    Of a body on one interface what uniform pressure holds, in closed form; of others what limit analysis holds at
+    least, bounded to a tolerance.
+
+    Raises:
+        NoAnswerError: SOLVER_FAILED.
+    """
+    bounds, wrenches = Bounds.none(len(surface.points)), wrench_of_force(surface.directions, surface.points)
+    floor = 1 / (_CEILING * _weight(analysis))
+    for number, block in enumerate(analysis.blocks):
+        rows = np.flatnonzero(block.bodies_of(surface.place) >= 0)
+        if block.solvers.single_patch is None:
+            pool = Pool(block, number, bounds, NO_DEADLINE, with_limit=True, with_patch=False)
+            bound_block(pool, surface, rows, wrenches, tolerance, floor)
+        else:
+            _single_patch(block, number, rows, wrenches, bounds, np.inf, NO_DEADLINE)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / np.where(bounds.upper > floor, bounds.upper, 0.0))
+
+
 def _check_request(model: str, count: int) -> None:
     if not ROBUSTNESS_MODELS.find(model).maps:
         raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {model!r}")
@@ -183,6 +207,9 @@ def _single_patch(
         factor = block.solvers.single_patch.collapse(wrenches[some]).factor
         with np.errstate(divide="ignore"):
             inverse = 1 / factor
+        if not np.isfinite(less):
+            bounds.raise_to(some, inverse, inverse, number, np.full(len(some), -1))
+            continue
         bounds.raise_to(some, inverse, inverse * (1 + less), number, np.full(len(some), -1))
         still_open.append(some[~block.solvers.single_patch.allowed_by_limit(wrenches[some], factor / (1 + less))])
     return np.concatenate(still_open), True

@@ -85,10 +85,24 @@ class BlockGeometry:
         return len(self.gravity)
 
     @cached_property
+    def wrenches(self) -> Array:
+        """(K, 3, 6) of unit contact forces (normal and two tangents at each point) on the second body."""
+        return np.concatenate([self.frames, cross(self.points[:, None], self.frames)], axis=2)
+
+    @cached_property
     def grasp(self) -> Sparse:
         """(6 n, 3 K) wrenches on the bodies of unit contact forces (normal and two tangents at each point)."""
-        wrenches = np.concatenate([self.frames, np.cross(self.points[:, None], self.frames)], axis=2)
-        return assembled(wrenches, self.bodies, self.count)
+        return assembled(self.wrenches, self.bodies, self.count)
+
+    @cached_property
+    def dense_grasp(self) -> Array:
+        """`grasp` with all its entries, for few bodies."""
+        count, size = len(self.points), 6 * self.count
+        spread = np.zeros((self.count + 1, 6, count, 3))  # the last is FIXED_NODE
+        at, columns = np.arange(count), self.wrenches.transpose(0, 2, 1)
+        spread[self.bodies[:, 0], :, at] = -columns
+        spread[self.bodies[:, 1], :, at] = columns
+        return spread[:-1].reshape(size, 3 * count)
 
     def without(self, idle: Mask) -> "BlockGeometry":
         """The block without the contact points of some of its interfaces (I,)."""

@@ -1,6 +1,6 @@
 """The solvers of one block of the contact interface graph, built when first needed and kept."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_state import ElasticState
 from poise.assembly.statics.elimination import Elimination
-from poise.assembly.statics.equilibrium import Standing, stability
+from poise.assembly.statics.equilibrium import Held, Standing, held_at_once, resists, stability
 from poise.assembly.statics.limit import limit_program
 from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
@@ -47,6 +47,7 @@ class BlockSolvers:
     block: ContactBlock
     start: Array | None = None
     _standing: Standing | None = field(default=None, init=False)
+    _held: Held | None = field(default=None, init=False)
 
     @staticmethod
     def key(structure: Structure, block: ContactBlock) -> BlockKey:
@@ -131,11 +132,10 @@ class BlockSolvers:
         if self.geometry.statically_determinate:
             return (self.balance, True) if self._balances_in(deadline) else (self._unknown, False)
         if self._standing is None:
-            state = self.coulomb.settle(self.geometry.gravity.ravel(), self.start, deadline)
+            state = self._at_rest(deadline)
             if not state.known:
                 known = self._balances_in(deadline) and self.balance.margin < 0
                 return (self.balance, True) if known else (self._unknown, False)
-            self.coulomb.rest = state
             if state.stands and not self._in_time(deadline):
                 return self._unknown, False
             if state.stands:
@@ -145,6 +145,38 @@ class BlockSolvers:
             else:
                 self._standing = Standing(-state.unbalanced, state.displacement)
         return self._standing, True
+
+    def _at_rest(self, deadline: Deadline) -> ElasticState:
+        """The state on elastic contacts under gravity; kept where it is known."""
+        if "rest" in self.coulomb.__dict__:
+            return self.coulomb.rest
+        state = self.coulomb.settle(self.geometry.gravity.ravel(), self.start, deadline)
+        if state.known:
+            self.coulomb.rest = state
+        return state
+
+    def held(self, enough: float) -> Held:
+        """Whether contacts resist every motion, and the margin if contact forces may be any that balance.
+
+        Args:
+            enough: a larger margin need not be found: forces that prove this one are looked for first.
+        """
+        if self._held is None or self._held.margin < enough:
+            self._held = held_at_once(self.geometry, enough) if self._few else resists(self.geometry)
+            if "balance" in self.__dict__ or self._held.margin < enough:
+                self._held = replace(self._held, margin=self.balance.margin)
+        return self._held
+
+    def stands_by(self, least: float) -> bool:
+        """Whether `standing` has at least this margin, in block weights; the exact one is found only in doubt."""
+        if self.geometry.statically_determinate:
+            return self.held(least).margin >= least
+        if self._standing is None and self._few:
+            state = self._at_rest(NO_DEADLINE)
+            if state.known and state.stands and held_at_once(self._pressing, least).margin >= least:
+                return True
+        standing, known = self.standing()
+        return known and standing.margin >= least
 
     @property
     def _unknown(self) -> Standing:
@@ -165,5 +197,11 @@ class BlockSolvers:
 
     def _by_itself(self) -> Standing:
         """How safely a block stands without what only touches: that could not be pressed less, and does not help."""
+        pressing = self._pressing
+        return self.balance if pressing is self.geometry else self._stability(pressing)
+
+    @property
+    def _pressing(self) -> BlockGeometry:
+        """The block without the contact points of what only touches at rest."""
         idle = ~self.coulomb.pressed_at_rest
-        return self._stability(self.geometry.without(idle)) if idle.any() else self.balance
+        return self.geometry.without(idle) if idle.any() else self.geometry

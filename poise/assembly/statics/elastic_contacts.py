@@ -12,7 +12,7 @@ from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.deadline import Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.assembly.statics.load_path import LoadPath, PathPoint
+from poise.assembly.statics.load_path import CompiledPoints, LoadPath, PathPoint
 from poise.geometry import cross, plane_axes
 from poise.kernels import COMPILED, CompiledElastic
 from poise.types import Array, Indices
@@ -79,25 +79,32 @@ class ElasticContacts:
         self._starts = np.searchsorted(points.interface, np.arange(len(interfaces)))
         # The ground is one more body, whose motion and forces are dropped.
         self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
-        self._stiffness_of_bodies = BodyStiffness(self.sides, self.count)
         self.wrenches = points.wrenches
-        self._lay_out(points.wrenches)
 
-    def _lay_out(self, wrenches: Array) -> None:
-        """Prepare the map (3 P, 6 n) from displacements to relative ones, and wrenches padded to equal interfaces."""
+    @cached_property
+    def _stiffness_of_bodies(self) -> BodyStiffness:
+        return BodyStiffness(self.sides, self.count)
+
+    @cached_property
+    def _forces(self) -> Any:
+        """(6 n, 3 P) wrenches on the bodies of unit forces at the springs."""
         bodies = np.where(self.sides == self.count, FIXED_NODE, self.sides)
-        forces: Sparse = assembled(wrenches, bodies[self.interface], self.count)
-        few = self._stiffness_of_bodies.kind == "dense"
-        self._forces: Any = forces.toarray() if few else forces.tocsr()
-        self._motions: Any = np.ascontiguousarray(self._forces.T) if few else forces.T.tocsr()
-        within = np.arange(len(wrenches)) - self._starts[self.interface]
+        forces: Sparse = assembled(self.wrenches, bodies[self.interface], self.count)
+        return forces.toarray() if self._stiffness_of_bodies.kind == "dense" else forces.tocsr()
+
+    @cached_property
+    def _padded(self) -> tuple[Indices, Array, Array]:
+        """(P,) where each spring is among as many for each interface; (R, 3, 6) their wrenches there, and side by side.
+
+        The last are (I, 6, 3 M).
+        """
+        within = np.arange(len(self.wrenches)) - self._starts[self.interface]
         each = int(within.max()) + 1
-        self._slot = self.interface * each + within
+        slot = self.interface * each + within
         padded = np.zeros((len(self._starts) * each, 3, 6))
-        padded[self._slot] = wrenches
-        self._padded = padded
-        # (I, 6, 3 M): the wrenches of an interface side by side.
-        self._columns = np.ascontiguousarray(padded.reshape(len(self._starts), 3 * each, 6).transpose(0, 2, 1))
+        padded[slot] = self.wrenches
+        columns = padded.reshape(len(self._starts), 3 * each, 6).transpose(0, 2, 1)
+        return slot, padded, np.ascontiguousarray(columns)
 
     @cached_property
     def compiled(self) -> "CompiledElasticContacts | None":
@@ -114,7 +121,10 @@ class ElasticContacts:
 
     def moved(self, displacement: Array) -> Array:
         """(P, 3) motion of the second body relative to the first at each point: parting, and two tangents."""
-        return np.asarray(self._motions @ displacement).reshape(-1, 3)
+        bodies = np.zeros((self.count + 1, 6))
+        bodies[:-1] = displacement.reshape(-1, 6)
+        between = bodies[self.sides[:, 1]] - bodies[self.sides[:, 0]]
+        return np.asarray(np.einsum("pij,pj->pi", self.wrenches, between[self.interface]))
 
     def relative(self, displacement: Array) -> Array:
         """(P, 3) displacement of the second body relative to the first: `moved`, from where nothing presses."""
@@ -179,14 +189,14 @@ class ElasticContacts:
             own: (6, P) stiffness of the points along the normal and both tangents, between the tangents, and of both
                 tangential forces in the normal direction.
         """
-        spread = np.zeros((6, len(self._padded)))
-        spread[:, self._slot] = own
+        slot, w, side_by_side = self._padded
+        spread, rows = np.zeros((6, len(w))), np.empty_like(w)
+        spread[:, slot] = own
         normal, first, second, shear, first_follows, second_follows = spread[:, :, None]
-        w, rows = self._padded, np.empty_like(self._padded)
         rows[:, 0] = normal * w[:, 0]
         rows[:, 1] = first * w[:, 1] + shear * w[:, 2] + first_follows * w[:, 0]
         rows[:, 2] = shear * w[:, 1] + second * w[:, 2] + second_follows * w[:, 0]
-        pairs = self._columns @ rows.reshape(len(self._columns), -1, 6)
+        pairs = side_by_side @ rows.reshape(len(side_by_side), -1, 6)
         bodies = self._stiffness_of_bodies
         return Stiffness(bodies, bodies.matrix(pairs, self.catch))
 
@@ -246,11 +256,8 @@ class CompiledElasticContacts:
         start = None if begin is None else (begin.displacement[entries], begin.factor, begin.compliance)
         slope = None if response is None else response[entries]
         found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining), look)
-        places = np.empty_like(found.displacements)
-        places[:, entries] = found.displacements
         numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()
-        points = [PathPoint(u, factor, True, *more) for u, factor, *more in zip(places, *numbers, strict=True)]
-        return LoadPath(points, self._back(found.end), found.ended)
+        return LoadPath(CompiledPoints(found.displacements, entries, *numbers), self._back(found.end), found.ended)
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""

@@ -1,7 +1,7 @@
 """In which order the bodies of a block are eliminated from linear systems, and which blocks of 6 by 6 that fills."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, eye_array
@@ -40,6 +40,8 @@ class Elimination:
             sides: (I, 2) bodies of each pair; negative, or `count`: the ground.
             count: number of bodies.
         """
+        if count == 1:
+            return _alone(len(sides), tuple((sides == 0).ravel().tolist()))
         moves = (sides >= 0) & (sides < count)
         both = sides[moves.all(axis=1)]
         position = _least_fill(both, count)
@@ -75,6 +77,14 @@ class Elimination:
         """(6 n,) where each entry of vectors (6 n,) in the order of elimination is among those of the bodies."""
         order = np.argsort(self.position)
         return np.asarray((6 * order[:, None] + np.arange(6)).ravel())
+
+
+@lru_cache(maxsize=64)
+def _alone(pairs: int, moves: tuple[bool, ...]) -> Elimination:
+    """Of one body on the ground, in so many pairs, by which side of each it is."""
+    sides = np.where(np.array(moves, dtype=bool).reshape(pairs, 2), 0, -1)
+    none = np.zeros(0, dtype=np.int64)
+    return Elimination(np.zeros(1, dtype=np.int64), sides, np.zeros(2, dtype=np.int64), none, np.full(pairs, -1))
 
 
 def _least_fill(pairs: Indices, count: int) -> Indices:

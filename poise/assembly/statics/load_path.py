@@ -6,11 +6,12 @@ displacement grows under a load that does not: there a given factor has no equil
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import overload
 
 import numpy as np
 
-from poise.types import Array
+from poise.types import Array, Indices
 
 # The first step loads the block by this share of the most that is asked, or of its weight.
 _FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
@@ -53,6 +54,42 @@ class PathPoint:
 
 
 @dataclass(frozen=True, eq=False)
+class CompiledPoints(Sequence[PathPoint]):
+    """The points of a path that the compiled kernel followed; each is made when it is first asked for, and kept.
+
+    Args:
+        displacements: (K, 6 n), with bodies in the order of elimination.
+        entries: (6 n,) where each of these numbers is among those of the bodies.
+        factors, compliances, steps: (K,).
+    """
+
+    displacements: Array
+    entries: Indices
+    factors: list[float]
+    compliances: list[float]
+    steps: list[int]
+    _made: dict[int, PathPoint] = field(default_factory=dict, init=False)
+
+    def __len__(self) -> int:
+        return len(self.factors)
+
+    @overload
+    def __getitem__(self, number: int) -> PathPoint: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[PathPoint]: ...
+    def __getitem__(self, number: int | slice) -> PathPoint | list[PathPoint]:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
+        number = range(len(self))[number]
+        if number not in self._made:
+            place = np.empty(self.displacements.shape[1])
+            place[self.entries] = self.displacements[number]
+            numbers = self.compliances[number], self.steps[number]
+            self._made[number] = PathPoint(place, self.factors[number], True, *numbers)
+        return self._made[number]
+
+
+@dataclass(frozen=True, eq=False)
 class LoadPath:
     """How far a block was followed.
 
@@ -69,11 +106,18 @@ class LoadPath:
     @property
     def best(self) -> PathPoint:
         """The equilibrium with the largest factor."""
-        return max(self.points, key=lambda point: point.factor)
+        factors = self._factors
+        return self.points[factors.index(max(factors))]
 
     def up_to(self, factor: float) -> PathPoint:
         """The last equilibrium on the way with no more than a factor."""
-        return next((point for point in reversed(self.points) if point.factor <= factor), self.points[0])
+        numbers = reversed(list(enumerate(self._factors)))
+        return self.points[next((number for number, found in numbers if found <= factor), 0)]
+
+    @property
+    def _factors(self) -> list[float]:
+        points = self.points
+        return points.factors if isinstance(points, CompiledPoints) else [point.factor for point in points]
 
 
 EquilibriumSearch = Callable[[Array, int], PathPoint | None]
