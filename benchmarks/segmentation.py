@@ -35,7 +35,7 @@ THESIS = {
 THESIS_SECONDS = 3.48
 VARIANTS = {
     "poise": SegmentationOptions(),
-    "eq. (3.27) alone": SegmentationOptions(costs=MergeCosts(colour=0, fold=0, hollow=1.0, smooth=1.0), limit=0.06),
+    "shape alone": SegmentationOptions(costs=MergeCosts(colour=0.0), limit=SegmentationOptions().plain_limit),
 }
 console = Console(width=140)
 
