@@ -1,10 +1,11 @@
 """Hierarchical tetrahedral clustering: merge what likely is one part first (Attene 2008; thesis section 3.2.1).
 
-Whether a border lies between two parts is a question of odds. Five things tell: the share of the border along which the
+Whether a border lies between two parts is a question of odds. They depend on the share of the border along which the
 surface folds inwards (the minima rule), the step of colour, how much larger the ellipsoid of inertia of both is than
 those of each (where Attene compares convex hulls), the ratio of their thicknesses, and their sizes. The log odds are a
 sum of these; its weights are those of a logistic regression on borders of random objects (see `MergeCosts`). A merge
-costs what it would surprise, -log(1 - p), times the share of the surface that would be in the wrong part.
+costs -log(1 - p), where p is the probability that it is wrong, times the share of the surface that would then be in the
+wrong part.
 """
 
 import heapq
@@ -27,7 +28,7 @@ _HASTE = 1e-3
 _ONE_COLOUR = 0.1
 """Distance of colours below which they are one."""
 _THICKEST = 1.5
-"""Log of the ratio of thicknesses above which more tells nothing."""
+"""Log of the ratio of thicknesses above which more says nothing."""
 _SMALLEST, _FLATTEST = 1e-6, 1e-24
 """Shares of the object's volume, and squares of volumes of ellipsoids, below which they are rounding errors."""
 _MOST_COMPILED = 1000
@@ -147,7 +148,7 @@ class _Clusters:
 
     def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
         """As `_merge_all`."""
-        known = {"volume": self._volume, "area": self._area, "weight": self._weight}
+        known: dict[str, Array] = {"volume": self._volume, "area": self._area, "weight": self._weight}
         known |= {"shade": self._colour, "moment": self._moment}
         numbers = {"noise": self._noise, "alike": _ONE_COLOUR, "haste": _HASTE, "few": _FEWEST_EDGES}
         numbers |= {"thickest": _THICKEST, "smallest": _SMALLEST, "flattest": _FLATTEST, **vars(self.costs)}

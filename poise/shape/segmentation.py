@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.notebooks import html_table
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
-from poise.shape.coverage import check_coverage
+from poise.shape.coverage import check_coverage, wide_gap
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.hollows import Hollow, hollow_of
 from poise.shape.lighting import colour_steps, unlit
@@ -43,7 +43,7 @@ class SegmentationOptions:
     clusters: int = 120
     noise: float | None = None
     limit: float = 0.012
-    plain_limit: float = 0.03
+    plain_limit: float = 0.025
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
     costs: MergeCosts = field(default_factory=MergeCosts)
@@ -167,6 +167,7 @@ def segment(
     nearest = np.arange(len(few)) if every else cKDTree(points[made.rows]).query(points)[1]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
     labels, solid = parts[point_leaves][nearest], guarded(made, parts[leaves])
+    notes += wide_gap(solid)
     hollow = None if seen is None else hollow_of(solid, points, seen)
     if hollow is not None and hollow.matters(solid):
         notes = (*notes, hollow.sentence(solid))
