@@ -42,7 +42,7 @@ class SegmentationOptions:
     points: int = 2500
     clusters: int = 120
     noise: float | None = None
-    limit: float = 0.012
+    limit: float = 0.008
     plain_limit: float = 0.025
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
