@@ -39,9 +39,9 @@ _MOST_COMPILED = 1000
 class MergeCosts:
     """Log odds that a border lies between two parts, as a sum; and what else keeps clusters apart.
 
-    The first seven are a logistic regression on 1,470,000 pairs that might be merged, weighted by the surface that would
-    be in the wrong part: of the random objects with seeds 100 to 259 and 300 to 371, with and without
-    colours, with a noise of 0.3 and 1 mm, and of 60 boxes. The workshop tools had no part in it.
+    The first seven are a logistic regression on 1,470,000 pairs that might be merged, weighted by the surface that
+    would be in the wrong part: of the random objects with seeds 100 to 259 and 300 to 371, with and without colours,
+    with a noise of 0.3 and 1 mm, and of 60 boxes. The workshop tools had no part in it.
 
     Args:
         constant: without any other.
