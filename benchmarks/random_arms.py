@@ -43,15 +43,21 @@ _EDGE = 2
 console = Console(width=120)
 
 
-def random_arm(folder: Path, rng: np.random.Generator) -> Robot:
-    """An arm of two to seven joints about random axes, on the floor, the ceiling or a wall."""
+def random_arm(folder: Path, rng: np.random.Generator, slides: float = 0.0) -> Robot:
+    """An arm of two to seven joints about random axes, on the floor, the ceiling or a wall.
+
+    Args:
+        folder: of the URDF. rng: chance. slides: share of the joints that are prismatic.
+    """
     count = int(rng.integers(2, 8))
     root = ElementTree.Element("robot", name="arm")
     ElementTree.SubElement(root, "link", name="base_link")
     parent, place, turn = "base_link", "0 0 0.1", _MOUNTS[str(rng.choice(list(_MOUNTS)))]
     axis = np.array([0.0, 0.0, 1.0])
+    sliding = np.array([slides > 0 and rng.random() < slides for _ in range(count)])
     for number in range(1, count + 1):
-        joint = _joint(root, f"axis_{number}", parent, f"link_{number}", place, turn)
+        kind = "prismatic" if sliding[number - 1] else "revolute"
+        joint = _joint(root, f"axis_{number}", parent, f"link_{number}", place, turn, kind)
         ElementTree.SubElement(joint, "axis", xyz=_text(axis * rng.choice([-1, 1])))
         ElementTree.SubElement(joint, "limit", lower="-2.9", upper="2.9", effort="200", velocity="3")
         length, mass = float(rng.uniform(0.08, 0.38)), float(rng.uniform(1.0, 6.0) * 0.85**number)
@@ -66,7 +72,9 @@ def random_arm(folder: Path, rng: np.random.Generator) -> Robot:
     home = tuple(rng.uniform(-0.8, 0.8, count).tolist())
     usual = (0.1,) * count  # of the efforts: see `recorded`
     names = tuple(f"axis_{number}" for number in range(1, count + 1))
-    return Robot(file, "ft_sensor", names, home, (0.8,) * count, (1.0,) * count, (2e-5,) * count, usual, (0.5, 3.0))
+    sizes = ((0.3, 0.8), (0.6, 1.0), (5e-6, 2e-5))
+    reach, speed, encoder = (tuple(np.where(sliding, *pair).tolist()) for pair in sizes)
+    return Robot(file, "ft_sensor", names, home, reach, speed, encoder, usual, (0.5, 3.0))
 
 
 def _joint(
@@ -110,7 +118,8 @@ def random_motion(robot: Robot, seconds: float, rng: np.random.Generator) -> Ref
             points.append(goal)
     at = np.arange(0.0, seconds, STEP)
     if kind == "walk":
-        course = make_interp_spline(times, points, k=5)
+        rest = [(1, np.zeros(len(home))), (2, np.zeros(len(home)))]
+        course = make_interp_spline(times, points, k=5, bc_type=(rest, rest))
         return course(at), course(at, 1), course(at, 2)
     knots, where = np.array(times), np.array(points)
     i = np.searchsorted(knots, at, side="right") - 1

@@ -49,15 +49,22 @@ def make_case(plan: Plan, seconds: float | None = None) -> Case:
     for_scene, for_honest, for_fault, for_recorder = (np.random.default_rng([*plan.seed, i]) for i in range(4))
     profile = BY_NAME[plan.profile]
     rig, motion = draw_rig(profile, for_scene, for_honest, seconds)
+    return case_of(rig, plan, motion, for_fault, for_recorder)
+
+
+def case_of(
+    rig: Rig, plan: Plan, motion: str, for_fault: np.random.Generator, for_recorder: np.random.Generator
+) -> Case:
+    """Simulate and record a rig with the effects of a plan."""
     track = rig.run(())
     chosen = choose(rig, plan, track, for_fault)
     faults = [fault for fault, _ in chosen]
     if any(fault.simulated for fault in faults):  # the search may have ended on another size than its last
         track = rig.run(faults)
-    streams = Recorder(profile, rig.true, rig.honest, faults, for_recorder).record(track)
+    streams = Recorder(rig.profile, rig.true, rig.honest, faults, for_recorder).record(track)
     label = {
         "kind": plan.kind,
-        "profile": profile.name,
+        "profile": rig.profile.name,
         "motion": motion,
         "seconds": float(track.seconds[-1]),
         "strength": plan.strength,

@@ -12,7 +12,7 @@ from benchmarks.foreign.fault import Fault
 from benchmarks.foreign.loads import LOADS
 from benchmarks.foreign.outside import OUTSIDE
 from benchmarks.foreign.profiles import PROFILES, Profile
-from benchmarks.foreign.robots import ROBOTS
+from benchmarks.foreign.robots import ROBOTS, Robot
 from benchmarks.foreign.sensors import SENSORS
 
 SEEDS = {
@@ -52,9 +52,8 @@ class Plan:
     strength: float
 
 
-def applicable(profile: Profile, fault: type[Fault]) -> bool:
-    """The profile records what the effect shows in."""
-    robot = ROBOTS[profile.robot]
+def applicable(profile: Profile, robot: Robot, fault: type[Fault]) -> bool:
+    """The profile of a robot records what the effect shows in."""
     if not {"wrench": profile.wrench, "effort": profile.effort, "any": True}[fault.needs]:
         return False
     if fault is JointCoupling and len(robot.joints) < 3:
@@ -75,7 +74,7 @@ def plans(seeds: str, count: int) -> Iterator[Plan]:
         rigs = rigs or [PROFILES[i] for i in rng.permutation(len(PROFILES))]
         kind, profile = str(order.pop()), rigs.pop()
         pool = ADDED if seeds in ONLY_ADDED else OUTSIDE if kind == "outside" else LIBRARY
-        fitting = [fault.name for fault in pool if applicable(profile, fault)]
+        fitting = [fault.name for fault in pool if applicable(profile, ROBOTS[profile.robot], fault)]
         chances = rng.random(len(fitting))
         # Effects that came least often come first; where several are wanted, the next ones are in reserve.
         ranked = [name for _, _, name in sorted((used.get(n, 0), c, n) for n, c in zip(fitting, chances, strict=True))]

@@ -3,31 +3,40 @@
 import numpy as np
 import scipy
 
-from poise.types import Array
+from poise.types import Array, Mask
 
-_MAX_JITTER = 0.27
-"""Periods; random stamps would have 0.29."""
+_MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
+"""Periods of jitter, for which random stamps would have 0.29; or else the mean resultant length of the phases, for
+which they have 0.03: stamps of arrival may be many periods late, in bursts."""
+_LATE, _ROUNDS = 0.1, 6
+"""Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
+_MOST_UNSURE, _BESIDE, _TOGETHER, _AROUND = 80, 2, 20, 8
+"""Samples in a row among which a gap is looked for, those on either side of it, and between gaps that may be one; samples
+before and after that show how the values change."""
 _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
 
-def regular_clock(seconds: Array) -> Array | None:
+def regular_clock(seconds: Array, values: Array | None = None) -> Array | None:
     """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
 
     Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
     are late, and a lost sample skips a number (counting rows or rounding differences fails with loss and jitter
     together). A line with slow drift (one knot in 10 s) is then fitted to the numbers.
+
+    Args:
+        seconds: (N,) stamps, ascending.
+        values: (N, C) what was sampled: it shows where samples are lost among late ones.
     """
     steps = np.diff(seconds)
     if len(seconds) < 50 or not (steps > 0).all():
         return None
-    period = _period(seconds, float(np.median(steps)))
-    ticks = _numbered(seconds, period)
+    period = _period(seconds)
+    ticks = _numbered(seconds, period, values)
     fitted = _wandering(ticks, seconds)
-    jitter = float(np.std(seconds - fitted))
-    if jitter > _MAX_JITTER * period or not (np.diff(fitted) > 0).all():
-        return None
-    return fitted
+    off = (seconds - fitted) / period
+    regular = float(np.std(off)) <= _MAX_JITTER or abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE
+    return fitted if regular and (np.diff(fitted) > 0).all() else None
 
 
 def _phasors(seconds: Array, period: float, length: int) -> Array:
@@ -38,15 +47,18 @@ def _phasors(seconds: Array, period: float, length: int) -> Array:
     return np.asarray(np.add.reduceat(turns, np.concatenate([[0], np.cumsum(sizes[:-1])])) / sizes)
 
 
-def _period(seconds: Array, rough: float) -> float:
-    """s, the period for which the stamps are most even."""
+def _period(seconds: Array) -> float:
+    """s, the period for which the stamps are most even; near the median step, or the mean one where bursts are many."""
+    steps = np.diff(seconds)
+    found = np.array([float(np.median(steps)), float(steps.mean())])
     for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
-        tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
-        rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
-    return rough
+        tried = np.outer(found, 1.0 + np.arange(-reach, reach, 0.2 / length)).ravel()
+        power = [float(np.sum(np.abs(_phasors(seconds, period, length)) ** 2)) for period in tried]
+        found = tried[[int(np.argmax(power))]]
+    return float(found[0])
 
 
-def _numbered(seconds: Array, period: float) -> Array:
+def _numbered(seconds: Array, period: float, values: Array | None) -> Array:
     """(N,) tick numbers: the stamps rounded to the clock whose phase is followed from stretch to stretch."""
     phasors = _phasors(seconds, period, _SHORT)
     middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
@@ -56,7 +68,46 @@ def _numbered(seconds: Array, period: float) -> Array:
     # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
     if (np.diff(ticks) >= 1.0).all():
         return np.asarray(ticks)
-    return np.asarray(np.round(scipy.optimize.isotonic_regression(ticks - rows).x) + rows)
+    lost, weights = ticks - rows, np.ones(len(rows))
+    for _ in range(_ROUNDS):
+        level = scipy.optimize.isotonic_regression(lost, weights=weights).x
+        weights = np.where(lost - level > 0.5, _LATE, 1.0)
+    numbered = np.asarray(np.round(level) + rows)
+    return numbered if values is None else _placed(numbered, ticks == numbered, values)
+
+
+def _placed(ticks: Array, on_time: Mask, values: Array) -> Array:
+    """The tick numbers (N,) with each gap between samples that are on time where values (N, C) are most even.
+
+    A gap among late samples may be before or after each of them: stamps do not show it. Nor do they where a sample
+    beside the gap is late by a tick, so that samples beside it are asked as well.
+    """
+    ticks, sure = ticks.copy(), np.flatnonzero(on_time)
+    gaps = np.flatnonzero(np.diff(ticks) > 1.0)
+    first = np.append(True, np.diff(gaps) > _TOGETHER)[: len(gaps)]
+    before = np.searchsorted(sure, gaps[first] - _BESIDE, side="right") - 1
+    after = np.searchsorted(sure, gaps[np.roll(first, -1)] + 1 + _BESIDE)
+    kept = (before >= 0) & (after < len(sure))
+    for begin, end in zip(sure[before[kept]], sure[after[kept]], strict=True):
+        count = end - begin - 1
+        if not 0 < count <= _MOST_UNSURE:
+            continue
+        early, late = ticks[begin] + np.arange(1, count + 1), ticks[end] - np.arange(count, 0, -1)
+        one_gap = np.where(np.arange(count) < np.arange(count + 1)[:, None], early, late)
+        tried = np.vstack([ticks[begin + 1 : end], one_gap])
+        rows = slice(max(begin + 1 - _AROUND, 0), end + _AROUND)
+        every = np.tile(ticks[rows], (len(tried), 1))
+        every[:, begin + 1 - rows.start : end - rows.start] = tried
+        ticks[begin + 1 : end] = tried[int(np.argmin(_unevenness(every, values[rows])))]
+    return ticks
+
+
+def _unevenness(ticks: Array, values: Array) -> Array:
+    """(K,) squares of what cubic polynomials over ticks (K, n) leave of values (n, C)."""
+    middle, half = ticks.mean(axis=1, keepdims=True), np.ptp(ticks, axis=1)[:, None] / 2.0
+    basis = np.linalg.qr(((ticks - middle) / half)[:, :, None] ** np.arange(4))[0]
+    left = values - basis @ (np.swapaxes(basis, 1, 2) @ values)
+    return np.asarray(np.sum(left**2, axis=(1, 2)))
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:

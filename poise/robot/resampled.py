@@ -106,7 +106,7 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
 
 def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
     """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
-    even = regular_clock(seconds)
+    even = regular_clock(seconds, values)
     if even is None or _roughness(even, values) >= _roughness(seconds, values):
         return seconds, 0.0
     return even, float(np.std(seconds - even))

@@ -120,14 +120,34 @@ def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surfac
     """What the views show of the object, averaged in voxels; normals are not known yet."""
     parts = each(views, lambda view: object_pixels(view, footprint, voxel))
     points = np.concatenate([part[0] for part in parts])
-    shades = [part[1] for part in parts if part[1] is not None]
-    coloured = len(shades) == len(parts)
     if not len(points):
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE, "scan: no view shows the object's surface with depth; bring the camera nearer"
         )
-    weights, mean, *colours = voxel_means(voxel, points, *([np.concatenate(shades)] if coloured else []))
-    return Surface(mean, colours[0] / 255 if coloured else None, np.zeros_like(mean), weights)
+    if all(colours is None for _, colours in parts):
+        weights, mean = voxel_means(voxel, points)
+        return Surface(mean, None, np.zeros_like(mean), weights)
+    weights, mean, shades = voxel_means(voxel, points, np.concatenate([_shades(*part) for part in parts]))
+    return Surface(mean, _coloured(mean, shades), np.zeros_like(mean), weights)
+
+
+def _shades(points: Single, colours: NDArray[np.uint8] | None) -> Single:
+    """(N, 4) RGB 0..255 of a view's points, and 1 where the view has colours; 0 where it has none."""
+    shades = np.zeros((len(points), 4), np.float32)
+    if colours is not None:
+        shades[:, :3], shades[:, 3] = colours, 1.0
+    return shades
+
+
+def _coloured(points: Array, shades: Array) -> Array | None:
+    """(N, 3) RGB 0..1 by the means (N, 4) of `_shades`; where no view has any, that of the nearest."""
+    known = np.flatnonzero(shades[:, 3] > 0)
+    if not len(known):
+        return None
+    colours = shades[known, :3] / shades[known, 3:] / 255
+    if len(known) == len(points):
+        return np.asarray(colours)
+    return np.asarray(colours[cKDTree(points[known]).query(points, workers=WORKERS)[1]])
 
 
 def voxel_means(voxel: float, points: Single, *others: NDArray[np.generic]) -> list[Array]:

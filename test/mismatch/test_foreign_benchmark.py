@@ -211,7 +211,7 @@ def test_an_effect_changes_the_signal_by_its_stated_share(
     fault = cases.FAULTS[name]
     shown = 0
     for profile, (rig, track, healthy) in rigs.items():
-        if not applicable(BY_NAME[profile], fault):
+        if not applicable(BY_NAME[profile], ROBOTS[BY_NAME[profile].robot], fault):
             continue
         found = tuned(rig, fault.draw(rig.true, track, np.random.default_rng(4)), 1.0, (track, healthy))
         if found is None:
@@ -325,7 +325,7 @@ def test_seed_sets_share_no_case_and_longer_sets_begin_with_the_shorter() -> Non
     assert {plan.profile for plan in development} == {profile.name for profile in PROFILES}
     for plan in development:
         for name in plan.candidates:
-            assert applicable(BY_NAME[plan.profile], cases.FAULTS[name])
+            assert applicable(BY_NAME[plan.profile], ROBOTS[BY_NAME[plan.profile].robot], cases.FAULTS[name])
 
 
 def test_a_label_that_was_changed_is_refused(tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ def test_efforts_with_all_errors_at_their_edges_are_no_finding_and_larger_ones_a
     track = recorded.effort
     assert track is not None
     groups = effort_calibration(recorded, TOLERANCE)
-    assert {group.name for group in groups} == {"payload", "joints", "gain", "offset", "links", "tilt"}
+    assert {group.name for group in groups} == {"payload", "joints", "gain", "offset", "links", "tilt", "clock"}
     rng = np.random.default_rng(9)
     sigma = 0.005 * effort_sizes(track)
     noise = SignalNoise(sigma, (NoiseColour(),) * 3, track.seconds, np.zeros(500), np.ones(3), np.ones(3))

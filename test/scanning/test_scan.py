@@ -274,3 +274,13 @@ def test_colours_may_be_missing():
     assert isinstance(grey[0], View)
     assert isinstance(grey[0].frame, Frame)
     assert grey[0].frame.camera is SMALL
+
+
+def test_views_without_colours_do_not_take_those_of_others():
+    """A colour image that comes late, or not at all: what only its view shows has the colours beside it."""
+    views = list(brick_views())
+    whole = scan(views)
+    for grey, error in ((1, 0.01), (20, 0.05)):
+        found = scan([replace(view, frame=replace(view.frame, colours=None)) for view in views[:grey]] + views[grey:])
+        np.testing.assert_array_equal(found.points, whole.points)
+        assert np.abs(found.colours - whole.colours).mean() < error

@@ -93,7 +93,6 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     """All groups for a recording; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
     wrench = recorded.prediction
     payload, *zeros, tilt, joints = recorded.once(("calibration", tolerance), lambda: _of_motion(recorded, tolerance))
-    later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
     return (
         payload,
         *zeros,
@@ -101,9 +100,15 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
         CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         tilt,
         joints,
-        CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
+        CalibrationGroup("clock", _clock(recorded.seconds, wrench, tolerance.clock_offset)),
         recorded.once("blur", lambda: _blur(recorded)) if recorded.lag == 0.0 else _blur(recorded),
     )
+
+
+def _clock(seconds: Array, values: Array, late: float) -> Array:
+    """(N, C, 1) change of values (N, C) that are this late, s."""
+    later, sooner = (at_times(seconds, values, seconds + shift) for shift in (late, -late))
+    return np.asarray((sooner - later)[:, :, None] / 2)
 
 
 def _blur(recorded: RecordedMotion) -> CalibrationGroup:
@@ -172,9 +177,28 @@ def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Toleran
         CalibrationGroup("offset", offset, channel=each, channels=len(each), lasting=True),
         CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
+        CalibrationGroup("clock", _late(track, tolerance.clock_offset), lasting=True),
         *rest,
         *((_reversals(track),) if friction_known(track) else ()),
     )
+
+
+def _late(track: EffortTrack, late: float) -> Array:
+    """(M, J, 1) change of the rigid arm's efforts that are this late, s; zero where they are early rather than late.
+
+    Efforts may pass a filter that the positions of the same message do not pass: late inertia looks like damping. The
+    sign is that beside a constant, friction and a rotor in each joint.
+    """
+    late_efforts = _clock(track.seconds, track.prediction, late)[:, :, 0]
+    agreement = 0.0
+    for joint, efforts in enumerate(late_efforts.T):
+        speed = track.velocity[:, joint]
+        nuisance = [np.ones_like(speed), speed, np.sign(speed), track.acceleration[:, joint]]
+        basis = np.linalg.qr(np.stack(nuisance, axis=1))[0]
+        residual = track.measured[:, joint] - track.prediction[:, joint]
+        residual -= basis @ (basis.T @ residual)
+        agreement += float(efforts @ residual) / max(float(residual @ residual), 1e-300)
+    return late_efforts[:, :, None] * (agreement > 0.0)
 
 
 def _reversals(track: EffortTrack) -> CalibrationGroup:

@@ -76,7 +76,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         if len(chosen) == known:
             break
     sums, chosen = _with_laws(problem, screen, sums, chosen)
-    chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(sums, chosen), general=True)))
+    chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(problem, sums, chosen), general=True)))
     for effect in (each for each in linear if each.made_of):
         chosen = _replaced(problem, sums, chosen, effect)
     return _fitted(problem, sums, chosen)
@@ -157,8 +157,8 @@ def _grown(sums: BlockSums, chosen: list[int], *, general: bool = False) -> list
     return chosen
 
 
-def _with_event(sums: BlockSums, chosen: list[int]) -> list[int]:
-    """With the event that explains most beyond its number of free parameters."""
+def _with_event(problem: Problem, sums: BlockSums, chosen: list[int]) -> list[int]:
+    """With the event that explains most beyond its number of free parameters, among those whose values are possible."""
     events = [i for i in range(1, len(sums.families)) if sums.families[i].event and i not in chosen]
     if not events or any(sums.families[i].event for i in chosen):
         return chosen
@@ -170,8 +170,10 @@ def _with_event(sums: BlockSums, chosen: list[int]) -> list[int]:
         count, rows = int(columns.any(axis=(0, 1)).sum()), int(columns.any(axis=(1, 2)).sum())
         fall = without - square_of(sums, [*chosen, i], variance)
         scores[i] = 0.5 * (fall - count * np.log(max(rows, 2)))
-    best = max(events, key=scores.__getitem__)
-    return [*chosen, best] if scores[best] > _LEAST_EVENT else chosen
+    for best in sorted((i for i in events if scores[i] > _LEAST_EVENT), key=scores.__getitem__, reverse=True):
+        if best not in _impossible(problem, sums, [*chosen, best]):
+            return [*chosen, best]
+    return chosen
 
 
 def _detail(sums: BlockSums, chosen: Sequence[int]) -> Array:

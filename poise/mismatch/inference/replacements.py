@@ -41,7 +41,8 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
 
     At the deadline, effects that are confused with it count as equal to it: they were not compared in full.
     """
-    problem = state.under(found).weighed()
+    coloured = state.under(found)
+    problem = coloured.weighed()
     out = []
     for part in found.parts:
         others = [other for other in found.parts if other is not part]
@@ -52,6 +53,10 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
         free = [each for each in free if others or _near(state, part, each)]
         candidates = {each.effect.name: each for each in beside(problem, others, free, state.limit, part)}
         own = candidates.get(part.effect.name)
+        if own is not None and own.gain < NEAR and problem is not coloured:
+            # Least squares in time, which hardly shows the effect, does not distinguish it from others either.
+            candidates = {each.effect.name: each for each in beside(coloured, others, free, state.limit, part)}
+            own = candidates.get(part.effect.name)
         if part.effect.delay and own is not None and not state.limit.over():
             candidates |= _delays(state, problem, others, own, candidates)
         if own is not None and state.limit.over():
