@@ -9,6 +9,7 @@ from CAD, and once only as accurately as a cloud shows lengths: that difference 
 import argparse
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from benchmarks.identification.objects import BenchmarkObject, load_tools
 from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, Scenario, make_trial
 from benchmarks.random_objects import GRIP, as_benchmark_object, make_composite
 from benchmarks.segmentation_truth import NOISE, SHIPPED, Subject, ToolCloud, load_clouds
+from poise.errors import InputError
 from poise.inertia.bayes.estimator import SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.estimators.hps import hps
 from poise.inertia.model.metrics import errors
@@ -80,7 +82,8 @@ def parts_to_try(subject: Subject, tool: BenchmarkObject, pose: Array) -> dict[s
     }
     shapes = {name: ObjectShape(parts, ours.accuracy, name) for name, parts in scanned.items()}
     if isinstance(subject, ToolCloud):
-        shapes["its mesh, as read by identify"] = mesh_of(subject)
+        with suppress(InputError):  # a ruler whose surface is not closed is refused
+            shapes["its mesh, as read by identify"] = mesh_of(subject)
     held = {name: (shape.parts.in_frame(pose[:3, :3], pose[:3, 3]), shape.accuracy) for name, shape in shapes.items()}
     true = Parts(tool.unit_parts, tool.part_volumes, tool.hull)
     return {"true parts": (true, SHAPE_ACCURACY), "the same, as a cloud shows it": (true, CLOUD_ACCURACY), **held}

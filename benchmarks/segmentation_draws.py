@@ -15,6 +15,7 @@ from rich.table import Table
 
 from benchmarks.random_objects import make_composite
 from benchmarks.segmentation_truth import NOISE, load_clouds
+from poise.errors import PoiseError
 from poise.shape.metrics import global_consistency_error, undersegmentation_error
 from poise.shape.segmentation import segment
 from poise.types import Array, Indices
@@ -37,16 +38,22 @@ class Labelled:
 
 
 def scores(subjects: list[Labelled], draw: int, noisy: bool, coloured: bool) -> Array:
-    """(3,) mean USE, GCE and number of parts in one draw: another order of the points, and other noise."""
-    rows = []
+    """(4,) mean USE, GCE and number of parts in one draw (another order of the points, other noise); the refused.
+
+    Refused clouds, such as those of a ruler as thin as the noise, are not in the means.
+    """
+    rows: list[list[float]] = []
     for number, one in enumerate(subjects):
         rng = np.random.default_rng([3000 + draw, number])
         order, errors = rng.permutation(len(one.points)), rng.normal(size=one.points.shape)
         points = one.points[order] + (1e-3 if noisy else one.noise) * errors
-        found, truth = segment(points, one.colours[order] if coloured else None), one.labels[order]
+        try:
+            found, truth = segment(points, one.colours[order] if coloured else None), one.labels[order]
+        except PoiseError:
+            continue
         measures = (undersegmentation_error, global_consistency_error)
         rows.append([*(measure(found.labels, truth) for measure in measures), found.n_parts])
-    return np.asarray(np.mean(rows, axis=0))
+    return np.append(np.mean(rows, axis=0), len(subjects) - len(rows))
 
 
 def boxes(count: int) -> Iterator[tuple[Array, Array, Array]]:
@@ -76,15 +83,17 @@ def main() -> None:
         "random": [Labelled(one.points, one.colours, one.labels, NOISE) for one in map(make_composite, seeds)],
     }
     made = Table(title="means over the objects, and their standard error over the draws", title_justify="left")
-    for heading in ("objects", "colours, noise", "USE", "GCE", "parts"):
+    for heading in ("objects", "colours, noise", "USE", "GCE", "parts", "refused"):
         made.add_column(heading)
     for name, subjects in sets.items():
         for mode, noisy, coloured in MODES if subjects else ():
             draws = range(arguments.first, arguments.first + arguments.draws)
             found = np.array([scores(subjects, draw, noisy, coloured) for draw in draws])
-            use, gce, parts = found.mean(axis=0)
-            off = found.std(axis=0, ddof=1) / np.sqrt(len(found)) if len(found) > 1 else np.zeros(3)
-            made.add_row(name, mode, f"{use:.3f} ± {off[0]:.3f}", f"{gce:.3f} ± {off[1]:.3f}", f"{parts:.1f}")
+            use, gce, parts, refused = found.mean(axis=0)
+            off = found.std(axis=0, ddof=1) / np.sqrt(len(found)) if len(found) > 1 else np.zeros(4)
+            made.add_row(
+                name, mode, f"{use:.3f} ± {off[0]:.3f}", f"{gce:.3f} ± {off[1]:.3f}", f"{parts:.1f}", f"{refused:.1f}"
+            )
     console.print(made)
     cut = np.zeros(3, dtype=int)
     for points, errors, colours in boxes(arguments.boxes):

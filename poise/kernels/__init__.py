@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from poise.kernels.clusters import clustered_points
     from poise.kernels.lookup import CompiledLookup, pixels_between
     from poise.kernels.matching import Drawn, matched_places
-    from poise.kernels.merging import hulls_of_clusters, merged_clusters
+    from poise.kernels.merging import merged_clusters
     from poise.kernels.neighbours import nearest_of, side_averages, tetrahedra_of
     from poise.kernels.records import find_records
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum, rope
@@ -53,7 +53,6 @@ __all__ = [
     "clock_sums",
     "clustered_points",
     "find_records",
-    "hulls_of_clusters",
     "innovation_squares",
     "innovations",
     "matched_places",
@@ -94,7 +93,6 @@ _FILES = {
     "CompiledSplines": "smoothing",
     "Drawn": "matching",
     "matched_places": "matching",
-    "hulls_of_clusters": "merging",
     "merged_clusters": "merging",
     "nearest_of": "neighbours",
     "side_averages": "neighbours",

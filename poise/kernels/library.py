@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 6
+_VERSION = 7
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -61,7 +61,6 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_clusters": (_INT, [_POINTER]),
     "poise_nearest": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER, _INT, *[_POINTER] * 2]),
     "poise_side_normals": (_INT, [_INT, _POINTER, ctypes.c_double, _INT, _POINTER]),
-    "poise_hulls": (_INT, [_INT, _POINTER, _INT, _POINTER, _POINTER, _INT, _INT, *[_POINTER] * 3]),
     "poise_reach": (_INT, [_POINTER, _POINTER, _INT, *[_POINTER] * 6]),
     "poise_oriented_normals": (_INT, [_INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pockets": (None, [_POINTER]),

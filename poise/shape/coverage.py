@@ -53,17 +53,22 @@ def check_coverage(
             "points lie in layers, which white noise does not explain (inner faces of a model, or views that do not"
             " agree); the volume may be too small: state the noise (--noise), or give points of the outside alone"
         )
-    if carved.between is not None:
-        opening, hole, taken = (f"{1e6 * volume:.3g}" for volume in (*carved.between, solid.volume))
-        notes.append(
-            f"the points leave a wide gap: the volume is about {opening} cm3 if it is an opening, as that of a cup, and"
-            f" about {hole} cm3 if the surface there was not sampled; {taken} cm3 was taken: give more points"
-        )
     pieces = carved.pieces()[0] / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
     return tuple(notes)
+
+
+def wide_gap(solid: Solid) -> tuple[str, ...]:
+    """The sentence about a wide gap that the points leave, with the volume of the finished solid; none without one."""
+    if solid.between is None:
+        return ()
+    opening, hole, taken = (f"{1e6 * volume:.3g}" for volume in (*solid.between, solid.volume))
+    return (
+        f"the points leave a wide gap: the volume is about {opening} cm3 if it is an opening, as that of a cup, and"
+        f" about {hole} cm3 if the surface there was not sampled; {taken} cm3 was taken: give more points",
+    )
 
 
 def _sentences(solid: Solid, missing: Missing) -> list[str]:

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.notebooks import html_table
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
-from poise.shape.coverage import check_coverage
+from poise.shape.coverage import check_coverage, wide_gap
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.hollows import Hollow, hollow_of
 from poise.shape.lighting import colour_steps, unlit
@@ -32,7 +32,7 @@ class SegmentationOptions:
         points: a denser cloud is thinned to about as many.
         clusters: initial clusters of surface points; many more than parts are expected.
         noise: m, one sigma of the points along each axis; None: estimated from them.
-        limit: merging stops at the first step that costs more, in shares of the object's volume.
+        limit: merging stops at the first step that costs more (see `hierarchy`).
         plain_limit: the same when no colours say where materials meet: what has one colour likely is one piece.
         parts: this many instead.
         weights: of the initial clusters.
@@ -42,8 +42,8 @@ class SegmentationOptions:
     points: int = 2500
     clusters: int = 120
     noise: float | None = None
-    limit: float = 0.05
-    plain_limit: float = 0.14
+    limit: float = 0.008
+    plain_limit: float = 0.025
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
     costs: MergeCosts = field(default_factory=MergeCosts)
@@ -167,6 +167,7 @@ def segment(
     nearest = np.arange(len(few)) if every else cKDTree(points[made.rows]).query(points)[1]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
     labels, solid = parts[point_leaves][nearest], guarded(made, parts[leaves])
+    notes += wide_gap(solid)
     hollow = None if seen is None else hollow_of(solid, points, seen)
     if hollow is not None and hollow.matters(solid):
         notes = (*notes, hollow.sentence(solid))
@@ -185,15 +186,14 @@ def _paint(colours: Array, points: Array, graph: SurfaceGraph, seen: Mask) -> tu
 
 
 def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCosts:
-    """What merging costs where lighting was taken out: what has one colour likely is one piece.
+    """What merging costs where colours say nothing, and where lighting was taken out.
 
-    Colours without lighting keep the costs that were tuned on them.
+    There what has one colour likely is one piece, among others of other colours too.
     """
-    if not shading:
-        return options.costs
     if plain:
         return replace(options.costs, shading=shading, colour=0.0)
-    return replace(options.costs, shading=shading, one_colour=options.limit / options.plain_limit)
+    one_colour = options.limit / options.plain_limit if shading else options.costs.one_colour
+    return replace(options.costs, shading=shading, one_colour=one_colour)
 
 
 def _contrast(colours: Array, shading: float) -> float:

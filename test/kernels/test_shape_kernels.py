@@ -11,7 +11,6 @@ from poise.errors import InputError
 from poise.kernels import (
     Drawn,
     clustered_points,
-    hulls_of_clusters,
     matched_places,
     merged_clusters,
     nearest_of,
@@ -21,14 +20,14 @@ from poise.kernels import (
     tetrahedra_of,
     ways_in,
 )
-from poise.shape import carving, clustering, hierarchy, hulls, matching, nearest, segmentation, surface_fit
+from poise.shape import carving, clustering, hierarchy, matching, nearest, segmentation, surface_fit
 from poise.shape.metrics import undersegmentation_error
 from poise.shape.segmentation import Segmentation, segment
 from poise.shape.solid import tetrahedron_volumes
 from poise.types import Array, Indices
 
 RNG = np.random.default_rng(8)
-MODULES = (carving, clustering, hierarchy, hulls, matching, nearest, surface_fit)
+MODULES = (carving, clustering, hierarchy, matching, nearest, surface_fit)
 
 
 def hammer(count: int, noise: float) -> tuple[Array, Array, Indices]:
@@ -147,14 +146,12 @@ def test_ways_in_are_those_of_python(both: Callable[[Callable[[], Any]], tuple[A
     assert np.all(place[parent[order]] < place[order])
 
 
-def test_sides_hulls_and_pockets_are_those_of_python(both: Callable[[Callable[[], Any]], tuple[Any, Any]]) -> None:
+def test_sides_and_pockets_are_those_of_python(both: Callable[[Callable[[], Any]], tuple[Any, Any]]) -> None:
     solid = carving.carve(HAMMER)
-    clusters = (solid.centroids[:, 0] > 0.02).astype(np.int64)
 
     def run() -> list[Array]:
-        of = hulls.Hulls.of_clusters(solid.vertices, solid.tetrahedra, clusters, 2)
         normals = carving.oriented_normals(HAMMER, solid.surface[0])
-        return [surface_fit.side_normals(solid, 0.005), normals, *of, carving.Stone(HAMMER).carve(0.004).volumes]
+        return [surface_fit.side_normals(solid, 0.005), normals, carving.Stone(HAMMER).carve(0.004).volumes]
 
     for one, other in zip(*both(run), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
@@ -173,8 +170,8 @@ def test_nearest_points_are_those_of_a_tree(count: int) -> None:
 def test_bad_input_is_refused() -> None:
     three, one = np.zeros((2, 3), np.int64), np.zeros(1, np.int64)
     tetrahedra, beside = tetrahedra_of(HAMMER)
-    known = {name: np.zeros(3) for name in ("volume", "hull", "weight")}
-    known |= {"reach": np.zeros((3, 4)), "points": np.zeros((3, 3, 4)), "shade": np.zeros((3, 3))}
+    known = {name: np.zeros(3) for name in ("volume", "area", "weight")}
+    known |= {"shade": np.zeros((3, 3)), "moment": np.zeros((3, 10))}
     borders = np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0)
     drawn = Drawn(one, np.zeros((1, 3)), np.zeros((1, 3)))
     ways = ways_in(HAMMER, np.ones(len(HAMMER)), tetrahedra, beside)
@@ -190,9 +187,8 @@ def test_bad_input_is_refused() -> None:
         lambda: side_averages(HAMMER, HAMMER[:5], 0.01, 2),
         lambda: normals_of_planes(HAMMER, np.full((len(HAMMER), 4), len(HAMMER)), np.zeros(len(HAMMER), bool), HAMMER),
         lambda: opened_pockets(HAMMER, tetrahedra + 9999, ways, ways[0] > 0, TRUTH > 0, HAMMER, {}),
-        lambda: hulls_of_clusters(HAMMER, tetrahedra, np.full(len(tetrahedra), 2), 2, HAMMER[:5]),
         lambda: clustered_points((HAMMER, HAMMER, HAMMER), np.array([[0, len(HAMMER)]]), 1, 1, {}),
-        lambda: merged_clusters(np.array([[0, 2]]), borders, three, known, {}),
+        lambda: merged_clusters(np.array([[0, 2]]), borders, known, {}),
         lambda: matched_places(HAMMER, three + len(HAMMER), three[:, :2], drawn, HAMMER, {}),
         lambda: matched_places(HAMMER, three, three[:, :2], Drawn(one + 2, drawn.within, drawn.errors), HAMMER, {}),
     ]
