@@ -87,8 +87,9 @@ def _numbered(seconds: Array, period: float, values: Array | None) -> Array:
         level = scipy.optimize.isotonic_regression(lost, weights=weights).x
         weights = np.where(lost - level > 0.5, _LATE, 1.0)
     numbered = np.asarray(np.round(level) + rows)
-    for together in () if values is None else (0, min(_TOGETHER, int(_BRIEF / period))):
-        numbered = _placed(numbered, ticks == numbered, values, together)
+    if values is not None:
+        for together in (0, min(_TOGETHER, int(_BRIEF / period))):
+            numbered = _placed(numbered, ticks == numbered, values, together)
     return numbered
 
 
