@@ -8,6 +8,8 @@ from poise.types import Array, Mask
 _MAX_JITTER, _LEAST_ALIKE = 0.27, 0.2
 """Periods of jitter, for which random stamps would have 0.29; or else the mean resultant length of the phases, for
 which they have 0.03: stamps of arrival may be many periods late, in bursts."""
+_ALIKE = 0.03
+"""Share by which the mean step may differ from the median one without being tried as well."""
 _LATE, _ROUNDS = 0.1, 6
 """Weight of stamps that come later than their tick, in the count of lost samples, and rounds of it."""
 _BINS, _SMOOTH = 100, 31
@@ -59,6 +61,7 @@ def _period(seconds: Array) -> float:
     """s, the period for which the stamps are most even; near the median step, or the mean one where bursts are many."""
     steps = np.diff(seconds)
     found = np.array([float(np.median(steps)), float(steps.mean())])
+    found = found[:1] if abs(found[1] / found[0] - 1.0) < _ALIKE else found
     for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
         tried = np.outer(found, 1.0 + np.arange(-reach, reach, 0.2 / length)).ravel()
         power = [float(np.sum(np.abs(_phasors(seconds, period, length)) ** 2)) for period in tried]
