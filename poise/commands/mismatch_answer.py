@@ -140,12 +140,10 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         f" calibrated within the tolerances, {proof.augmented:.2f} with the effects found.",
         soft_wrap=True,
     )
-    clock = next(
-        (small for each in found.examinations for small in each.calibration if small.group == "clock_offset"), None
-    )
-    if clock is not None:
+    for clock in (small for each in found.examinations for small in each.calibration if small.group == "clock_offset"):
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
-        people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
+        what = "joint efforts are" if clock.name == "efforts" else "wrench's clock is"
+        people.print(f"Inside its tolerance: the {what} {value} ± {sigma} ms late against the motion.")
     limits = [
         f"{small.group} {small.name}" for each in found.examinations for small in each.calibration if small.at_limit
     ]

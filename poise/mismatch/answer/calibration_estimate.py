@@ -64,7 +64,9 @@ def _effort_labels(group: str, problem: Problem) -> Iterator[tuple[str, str, flo
         yield from (("joint_offset", f"offset_{n}", at.joint_offset, track.unit("rad", n)) for n in track.names)
     elif group == "links" and track.links is not None:
         yield from (("link_mass", f"mass_{number}", at.link_mass, "") for number in track.links.numbers)
-    elif group in ("payload", "tilt", "clock"):
+    elif group == "clock":
+        yield "clock_offset", "efforts", at.clock_offset, "s"
+    elif group in ("payload", "tilt"):
         yield from _labels(group, problem)
 
 
