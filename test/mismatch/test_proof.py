@@ -305,3 +305,36 @@ def test_what_explains_less_than_what_was_refused_follows_the_same() -> None:
     assert probability_of_none(state, ("pull",)) > 0.9
     state.gains[(), "slosh"] = 1e6
     assert probability_of_none(state, ("pull",)) < 0.1
+
+
+class Knock(Pull):
+    """A pull whose knocks are known only roughly."""
+
+    name = "knock"
+
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> list[tuple[float, float]]:
+        return [(5.0, 5.3)]
+
+
+class Push(Pull):
+    """A pull of free course in a part of the recording."""
+
+    name = "push"
+    free_course = True
+
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        return (
+            super().columns(recorded, nonlinear) * ((recorded.seconds > 7.0) & (recorded.seconds < 9.0))[:, None, None]
+        )
+
+    def windows(self, recorded: RecordedMotion, values: Values) -> list[tuple[float, float]]:
+        return [(7.0, 9.0)]
+
+
+def test_an_event_beside_knocks_is_proven_without_their_samples() -> None:
+    """The samples of the knocks are left out of both fits and of the pieces: this was an internal error."""
+    problem = wrench_problem(*pulled(2.0))
+    parts = [FittedEffect(Knock(np.inf), {"force": 1.0}), FittedEffect(Push(np.inf), {"force": 1.0})]
+    state = HypothesisSearch(problem)
+    model = proven(state, state.fitted(problem, parts, 2))
+    assert "knock" in names(model.fit)

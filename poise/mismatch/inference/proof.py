@@ -272,9 +272,9 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
     if settled.all():
         return proofs
     # A knock that is a fraction of a sample late counts as much as one that is not there: without the knocks, too.
-    judged = settled if problem.judged is None else settled & problem.judged
-    calm, *others = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    again = [_proof(problem, length, calm, *pair) for pair in zip(calm.parts, others, strict=True)]
+    kept = replace(problem, judged=settled if problem.judged is None else settled & problem.judged)
+    calm, *others = (fit(kept, each.parts, 1) for each in (whole, *without))
+    again = [_proof(kept, length, calm, *pair) for pair in zip(calm.parts, others, strict=True)]
     pairs = zip(proofs, again, strict=True)
     return [max(pair, key=lambda proof: (not proof.lacking, proof.improved_blocks, proof.gain)) for pair in pairs]
 
