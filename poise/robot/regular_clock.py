@@ -17,8 +17,9 @@ _BINS, _SMOOTH = 100, 31
 _MOST_UNSURE, _BESIDE, _AROUND = 120, 2, 8
 """Samples in a row among which a gap is looked for, those on either side of it, and those before and after them, which
 show how the values change."""
-_MOVES, _MOST_ASKED = 0.1, 20_000
-"""Share of the fastest motion from which values show a tick; places that are asked at most."""
+_MOVES, _MOST_ASKED, _MOST_LEFT_OUT = 0.1, 20_000, 0.3
+"""Share of the fastest motion from which values show a tick; places that are asked at most; share of the samples whose
+ticks may not be sure."""
 _TOGETHER, _BRIEF, _BETTER = 40, 0.1, 0.5
 """Samples, and s, between gaps that may be one; share of the unevenness that another place of a gap leaves at most."""
 _SHORT, _LONG = 128, 512
@@ -27,6 +28,8 @@ _SHORT, _LONG = 128, 512
 
 def regular_clock(seconds: Array, values: Array | None = None) -> Array | None:
     """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
+
+    NaN where samples are lost among late ones, so that their ticks are not sure.
 
     Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
     are late, and a lost sample skips a number (counting rows or rounding differences fails with loss and jitter
@@ -43,10 +46,14 @@ def regular_clock(seconds: Array, values: Array | None = None) -> Array | None:
     ticks = _numbered(seconds, period, values)
     fitted = _wandering(ticks, seconds)
     off = (seconds - fitted) / period
-    regular = float(np.std(off)) <= _MAX_JITTER
-    if not regular and abs(np.exp(2j * np.pi * off).mean()) >= _LEAST_ALIKE:
-        regular = values is None or _settled(ticks, off, values)
-    return fitted if regular and (np.diff(fitted) > 0).all() else None
+    if not (np.diff(fitted) > 0).all():
+        return None
+    if float(np.std(off)) <= _MAX_JITTER:
+        return fitted
+    unsure = np.zeros(len(ticks), bool) if values is None else _unsure(ticks, off, values)
+    if abs(np.exp(2j * np.pi * off).mean()) < _LEAST_ALIKE or unsure.mean() > _MOST_LEFT_OUT:
+        return None
+    return np.where(unsure, np.nan, fitted)
 
 
 def _phasors(seconds: Array, period: float, length: int) -> Array:
@@ -125,11 +132,13 @@ def _placed(ticks: Array, on_time: Mask, values: Array, together: int) -> Array:
     return ticks
 
 
-def _settled(ticks: Array, off: Array, values: Array) -> bool:
-    """Whether values (N, C) are no more even if a gap is a tick shorter or longer, or if there is one more.
+def _unsure(ticks: Array, off: Array, values: Array) -> Mask:
+    """(N,) samples beside or between places where values (N, C) are more even with a gap a tick shorter or longer.
 
     Asked at gaps, and where a stamp is later than the one before it by `off` (N,), in ticks.
     """
+    unsure, places = np.ones(len(ticks), bool), np.array([], dtype=np.int64)
+    unsure[_AROUND:-_AROUND] = False  # nothing is known beyond the ends
     moved = np.abs(values[2 * _AROUND - 1 :] - values[: 1 - 2 * _AROUND]).max(axis=1)
     step = np.diff(ticks) > 1.0
     asked = np.flatnonzero(
@@ -139,9 +148,11 @@ def _settled(ticks: Array, off: Array, values: Array) -> bool:
     for some in np.array_split(asked[:: len(asked) // _MOST_ASKED + 1], len(asked) // 2000 + 1):
         rows = some[:, None] + window
         as_is, fewer, more = (_unevenness(ticks[rows] + n * (window >= _AROUND), values[rows]) for n in (0, -1, 1))
-        if (np.minimum(fewer, more) < _BETTER * as_is).any():
-            return False
-    return True
+        places = np.append(places, some[np.minimum(fewer, more) < _BETTER * as_is])
+    for some in np.split(places, np.flatnonzero(np.diff(places) > _TOGETHER) + 1):
+        if len(some):
+            unsure[some[0] : some[-1] + 2 * _AROUND] = True
+    return unsure
 
 
 def _unevenness(ticks: Array, values: Array) -> Array:

@@ -87,6 +87,8 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
     seconds, _ = sampling_times(seconds, values)
+    sure = np.isfinite(seconds)
+    seconds, values, rates = seconds[sure], values[sure], None if rates is None else rates[sure]
     out, sigma = np.full((2, 3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
@@ -106,14 +108,18 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
 
 
 def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
-    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
+    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s.
+
+    NaN where the clock is not sure, see `regular_clock`.
+    """
     even = regular_clock(seconds, values)
     if even is None:
         return seconds, 0.0
-    part = _liveliest(even, values)
+    sure = np.flatnonzero(np.isfinite(even))
+    part = sure[_liveliest(even[sure], values[sure])]
     if _roughness(even[part], values[part]) >= _roughness(seconds[part], values[part]):
         return seconds, 0.0
-    return even, float(np.std(seconds - even))
+    return even, float(np.std(seconds[sure] - even[sure]))
 
 
 class _Blend:

@@ -80,11 +80,14 @@ def recorded_from_streams(
     check_rates(joints, joints if wrench is None else wrench)
     start = int((joints if wrench is None else wrench).stamps[0])
     sampled, jitter = _clock(seconds_since(joints.stamps, start), position)
-    samples = _JointSamples(sampled, position, velocity, effort, odometry, start, jitter)
+    sure = np.isfinite(sampled)
+    samples = _JointSamples(sampled[sure], position[sure], velocity[sure], effort[sure], odometry, start, jitter)
     carried = phi + np.asarray(tool)
     if wrench is None:
         return _of_efforts(robot, samples, phi, carried, gravity)
-    seconds = sampling_times(seconds_since(wrench.stamps, start), wrench.wrench_in_sensor)[0]
+    stamped = seconds_since(wrench.stamps, start)
+    seconds = sampling_times(stamped, wrench.wrench_in_sensor)[0]
+    seconds = np.where(np.isfinite(seconds), seconds, stamped)
     notes = []
     moved, base, known = samples.at(seconds)
     if known.sum() < _FEWEST:
