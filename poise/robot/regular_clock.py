@@ -133,8 +133,9 @@ def _placed(ticks: Array, on_time: Mask, values: Array, together: int) -> Array:
 
 
 def _unsure(ticks: Array, off: Array, values: Array) -> Mask:
-    """(N,) samples beside or between places where values (N, C) are more even with a gap a tick shorter or longer.
+    """(N,) samples beside or between places where values (N, C) are more even with other ticks.
 
+    Other ticks are a gap that is shorter or longer, and a few samples that are a tick earlier or later.
     Asked at gaps, and where a stamp is later than the one before it by `off` (N,), in ticks.
     """
     unsure, places = np.ones(len(ticks), bool), np.array([], dtype=np.int64)
@@ -144,11 +145,14 @@ def _unsure(ticks: Array, off: Array, values: Array) -> Mask:
     asked = np.flatnonzero(
         (step | (np.abs(np.diff(off)) > 0.5))[_AROUND - 1 : 1 - _AROUND] & (moved > _MOVES * moved.max())
     )
-    window = np.arange(2 * _AROUND)
+    window = np.arange(2 * _AROUND) - _AROUND
+    others = [n * (window >= 0) for n in (-1, 1, -2, 2, -4, 4)]
+    others += [n * ((window >= 0) & (window < few)) for n in (-1, 1) for few in (1, 2, 4)]
     for some in np.array_split(asked[:: len(asked) // _MOST_ASKED + 1], len(asked) // 2000 + 1):
-        rows = some[:, None] + window
-        as_is, fewer, more = (_unevenness(ticks[rows] + n * (window >= _AROUND), values[rows]) for n in (0, -1, 1))
-        places = np.append(places, some[np.minimum(fewer, more) < _BETTER * as_is])
+        rows = some[:, None] + window + _AROUND
+        as_is = _unevenness(ticks[rows], values[rows])
+        better = np.min([_unevenness(ticks[rows] + other, values[rows]) for other in others], axis=0)
+        places = np.append(places, some[better < _BETTER * as_is])
     for some in np.split(places, np.flatnonzero(np.diff(places) > _TOGETHER) + 1):
         if len(some):
             unsure[some[0] : some[-1] + 2 * _AROUND] = True
