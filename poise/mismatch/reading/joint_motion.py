@@ -85,9 +85,7 @@ def recorded_from_streams(
     carried = phi + np.asarray(tool)
     if wrench is None:
         return _of_efforts(robot, samples, phi, carried, gravity)
-    stamped = seconds_since(wrench.stamps, start)
-    seconds = sampling_times(stamped, wrench.wrench_in_sensor)[0]
-    seconds = np.where(np.isfinite(seconds), seconds, stamped)
+    seconds = _wrench_times(wrench, start)
     notes = []
     moved, base, known = samples.at(seconds)
     if known.sum() < _FEWEST:
@@ -137,6 +135,13 @@ def _of_efforts(
         robot, seconds, joints, carried, base=moving, gravity=gravity, start=samples.start, effort=track
     )
     return recorded, _jitter(samples)
+
+
+def _wrench_times(wrench: WrenchStream, start: int) -> Array:
+    """(N,) s, when wrenches were sampled: by a regular clock, or as their stamps say where it is not sure."""
+    stamped = seconds_since(wrench.stamps, start)
+    even = sampling_times(stamped, wrench.wrench_in_sensor)[0]
+    return np.where(np.isfinite(even), even, stamped)
 
 
 def _clock(stamped: Array, position: Array) -> tuple[Array, float]:
