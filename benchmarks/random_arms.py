@@ -70,7 +70,7 @@ def random_arm(folder: Path, rng: np.random.Generator, slides: float = 0.0) -> R
     file = folder / "arm.urdf"
     ElementTree.ElementTree(root).write(file)
     home = tuple(rng.uniform(-0.8, 0.8, count).tolist())
-    usual = (0.1,) * count  # of the efforts: see `recorded`
+    usual = (0.1,) * count  # of the efforts: see `with_noise_of`
     names = tuple(f"axis_{number}" for number in range(1, count + 1))
     sizes = ((0.3, 0.8), (0.6, 1.0), (5e-6, 2e-5))
     reach, speed, encoder = (tuple(np.where(sliding, *pair).tolist()) for pair in sizes)
@@ -223,12 +223,23 @@ def random_recording(seed: int, folder: Path) -> Recording:
     rows = inner(motion)
     wrench, effort = rigid(true, motion[0], np.zeros((len(motion[0]), 3)), rows)
     position, velocity, acceleration = (part[rows] for part in motion)
-    size = np.maximum(effort.std(axis=0), 0.1 * effort.std(axis=0).max()) + 0.1
-    true = replace(true, robot=replace(robot, effort=tuple((0.015 * size).tolist())))
+    size = large_efforts(effort)
+    true = replace(true, robot=with_noise_of(robot, size))
     free = np.zeros((len(rows), 3))
     places = np.zeros((len(rows), 3)), np.tile(np.eye(3), (len(rows), 1, 1))
     made = Track(rows * STEP, position, velocity, effort, free, free, wrench, np.zeros(len(rows)), *places)
     return Recording(declared, true, profile, honest, made, acceleration, size, rng)
+
+
+def large_efforts(effort: Array) -> Array:
+    """(J,) N m or N, a large effort of each joint along a motion (N, J)."""
+    spread = effort.std(axis=0)
+    return np.asarray(np.maximum(spread, 0.1 * spread.max()) + 0.1)
+
+
+def with_noise_of(robot: Robot, size: Array) -> Robot:
+    """The robot whose efforts have a noise that fits large ones (J,)."""
+    return replace(robot, effort=tuple((0.015 * size).tolist()))
 
 
 def inner(motion: Reference) -> NDArray[np.int64]:

@@ -31,7 +31,7 @@ from benchmarks.foreign.run import answer
 from benchmarks.foreign.score import calibration_error, judge, table
 from benchmarks.foreign.strength import Rig
 from benchmarks.foreign.world import Scene, rigid
-from benchmarks.random_arms import inner, profile_of, random_arm, random_motion
+from benchmarks.random_arms import inner, large_efforts, profile_of, random_arm, random_motion, with_noise_of
 
 TURNS = (("healthy", 0.0), *(("single", 1.0), ("single", 0.3)) * 3, ("outside", 1.0))
 """Kinds and strengths of successive seeds."""
@@ -48,8 +48,8 @@ def random_profile(rng: np.random.Generator) -> Profile:
     filtering = str(rng.choice(["none", "driver", "offline"], p=[0.7, 0.15, 0.15]))
     made = replace(profile_of(rng), wrench=wrench, effort=effort, filtering=filtering)
     if filtering == "offline":  # steps that are coarser than a smoothed noise are a fault
-        smooth = {key: "white" if value == "quantised" else value for key, value in vars(made).items()}
-        made = Profile(**smooth)
+        noise, effort_noise = ("white" if each == "quantised" else each for each in (made.noise, made.effort_noise))
+        made = replace(made, noise=noise, effort_noise=effort_noise)
     return replace(
         made,
         skew=float(rng.uniform(-40.0, 40.0)),
@@ -67,8 +67,7 @@ def random_rig(seed: int, folder: Path) -> Rig:
     motion = motions[str(rng.choice(list(motions)))](robot, seconds, rng)
     declared = Scene(robot, load, motion)
     _, effort = rigid(declared, motion[0], np.zeros((len(motion[0]), 3)), inner(motion))
-    size = np.maximum(effort.std(axis=0), 0.1 * effort.std(axis=0).max()) + 0.1
-    declared = replace(declared, robot=replace(robot, effort=tuple((0.015 * size).tolist())))
+    declared = replace(declared, robot=with_noise_of(robot, large_efforts(effort)))
     honest = draw(declared, rng, DRIVER_DELAY if profile.filtering == "driver" else 0.0, profile.skew * 1e-6)
     stiffness = float(rng.uniform(25.0, 50.0))
     true = replace(declared, load=honest.load(load), link_gain=honest.links, tilt=honest.gravity(), stiffness=stiffness)

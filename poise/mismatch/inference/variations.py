@@ -98,7 +98,7 @@ def _kinds(problem: Problem, response: Array, whole: Array) -> Iterator[tuple[st
     if len(seen) > 1:
         yield "channel", response[:, :, None] * np.eye(response.shape[1])[:, seen[:-1]]
     rate = np.gradient(response, problem.seconds, axis=0)
-    if problem.signal == "effort":  # stamps of efforts have no tolerance of their own: all of them may be late
+    if problem.signal == "effort":  # all efforts may be early or late, also by more than the calibration allows
         late = np.gradient(whole, problem.seconds, axis=0)
         weight = problem.noise.sigma**-2.0
         rate = rate - late * np.sum(rate * late * weight) / max(float(np.sum(late**2 * weight)), 1e-300)
