@@ -29,6 +29,7 @@ from poise.mismatch.inference import (
     replacements,
     residual_of,
     search,
+    searched_again,
     tail,
     variations,
 )
@@ -153,6 +154,8 @@ def _with_rivals(
 ) -> tuple[_Proven, tuple[dict[str, EffectCandidate], ...]]:
     """The proven model after better effects took the place of its own, and what each effect wins in each place."""
     found = _proven(state, best, seen, held)
+    if seen.signal == "effort" and found[0].dropped:
+        found = _without_refused(state, found, seen, held)
     if not rivals:
         return found, tuple({} for _ in found[0].fit.parts)
     state.limit = state.limit.extended(_FOR_RIVALS / FOR_SEARCH)
@@ -166,6 +169,24 @@ def _with_rivals(
             found = tried
             instead = replacements(state, found[0].fit)
     return found, instead
+
+
+def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, held: Mask) -> _Proven:
+    """A model of joint efforts without the effects that lack a proof, where others in their place explain more.
+
+    Effects on efforts are chosen together: one without a proof, such as an event that pulls, kept others away.
+    """
+    for _ in range(_REPLACED):
+        if state.limit.over() or not found[0].dropped:
+            break
+        best = searched_again(state, found[0].dropped)
+        if set(names(best)) <= set(names(found[0].fit)):
+            break
+        tried = _proven(state, best, seen, held)
+        if tried[3].augmented >= found[3].augmented:
+            break
+        found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
+    return found
 
 
 def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:

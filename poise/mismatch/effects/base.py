@@ -54,6 +54,8 @@ class EffectParameter:
             finely `Effect.starts` resolves it. It is not refined.
         positive: of a linear parameter: a physical bound, no fit goes below zero (a mass, a drag, a friction).
         known: of a positive parameter: what the nominal model has of it already, which a fit may take away.
+        vanishes: at its low end, a non-linear parameter stands for none (no damping, no slack), so that a fit may end
+            there.
         hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
     """
 
@@ -69,6 +71,7 @@ class EffectParameter:
     resolution: float = 0.0
     positive: bool = False
     known: float = 0.0
+    vanishes: bool = False
     hidden: bool = False
 
     @property
@@ -89,7 +92,8 @@ class EffectParameter:
 
     def at_end(self, value: float) -> bool:
         """Whether a fit pressed a non-linear parameter against an end of its range."""
-        return not self.linear and not _END < self.to_unit(value) < 1.0 - _END
+        at = self.to_unit(value)
+        return not self.linear and (at >= 1.0 - _END or (at <= _END and not self.vanishes))
 
     def to_unit(self, value: float) -> float:
         """Where a value lies in its prior, 0 to 1 (the distribution function); 0.5 where there is one value only."""

@@ -58,8 +58,10 @@ class Cable(Effect):
             EffectParameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
             *anchors,
             *hooks,
-            EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False),
-            EffectParameter("damping_time", "s", low=_UNDAMPED, high=_MOST, linear=False, log=True, hidden=True),
+            EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False, vanishes=True),
+            EffectParameter(
+                "damping_time", "s", low=_UNDAMPED, high=_MOST, linear=False, log=True, vanishes=True, hidden=True
+            ),
             EffectParameter("stiffness", "N/m", 30.0, positive=True),
         )
 

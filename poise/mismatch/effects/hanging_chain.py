@@ -57,7 +57,7 @@ class HangingChain(Effect):
         del recorded
         return (
             EffectParameter("length", "m", low=0.02, high=1.5, linear=False, log=True),
-            EffectParameter("tip", "", low=0.0, high=0.5, linear=False, hidden=True),
+            EffectParameter("tip", "", low=0.0, high=0.5, linear=False, vanishes=True, hidden=True),
             EffectParameter("damping_ratio", "", low=5e-4, high=0.1, linear=False, log=True),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)

@@ -16,7 +16,7 @@ from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
 from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, NEAR_SHARE, improved, replacements
-from poise.mismatch.inference.search import search
+from poise.mismatch.inference.search import search, searched_again
 from poise.mismatch.inference.standstill import beside_stuck_joints
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
@@ -68,6 +68,7 @@ __all__ = [
     "replacements",
     "residual_of",
     "search",
+    "searched_again",
     "state_description",
     "tail",
     "variations",

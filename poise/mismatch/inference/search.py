@@ -6,7 +6,7 @@ the present best model with the noise and the calibration linearised there; the 
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from poise.mismatch.inference.proof import LEAST_BESIDE
 from poise.mismatch.inference.replacements import LOOKALIKE, NEAR, NEAR_SHARE
 from poise.mismatch.inference.screening import THRESHOLD, beside
 from poise.mismatch.inference.time_limit import TimeLimit
-from poise.mismatch.inference.unknown import Dependence, dependences
+from poise.mismatch.inference.unknown import Dependence, FreeCurve, dependences
 from poise.mismatch.reading import on_efforts
 from poise.mismatch.recorded import RecordedMotion
 
@@ -78,6 +78,16 @@ def search(
         )
         state.untestable |= dict.fromkeys(state.late, "the deadline came before it was tried")
     return state, _or_one_unknown(state, _pruned(state, best), effects)
+
+
+def searched_again(state: HypothesisSearch, refused: Collection[str]) -> HypothesisFit:
+    """The best model of joint efforts without some effects: those in whose place they were chosen have their turn.
+
+    Args:
+        state: of the search, to which the hypotheses are offered. refused: effects without proof.
+    """
+    effects = [each for each in state.library if each.name not in refused and not isinstance(each, FreeCurve)]
+    return _together(state, screened(state.problem, effects))
 
 
 def testable(problem: Problem, library: Sequence[Effect] | None) -> tuple[list[Effect], dict[str, str]]:
