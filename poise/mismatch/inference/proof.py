@@ -17,6 +17,7 @@ from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
 from poise.mismatch.inference.problem import BRIEF, FittedEffect, Problem
+from poise.mismatch.inference.replacements import LOOKALIKE
 from poise.mismatch.inference.unknown import Dependence
 from poise.types import Array
 
@@ -50,7 +51,7 @@ LEAST_BESIDE = 100.0
 those of the noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
 """Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
-above that of noise, as its share, where it acts."""
+above that of noise, as its share, where it acts. The shape of a change that stays, as a leak, is that of no noise."""
 _MOST_ELSEWHERE = 0.5
 """Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
 _ACTS = 0.01
@@ -200,12 +201,12 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
         and proof.share < _LEAST_OF_BASE
     ):
         return "the odometry of the base may be wrong by as much"
-    shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
-    if not part.effect.of_joint and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
-        return "where it acts, the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
-    ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
-    if windows and ends and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
+    stays = bool(windows) and any(end >= recorded.seconds[-1] for _, end in windows)
+    shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
+    if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
+        return "where it acts, the residual is within the noise without it"
+    if windows and not stays and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
         alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
@@ -217,8 +218,10 @@ def faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
-    of free course follows noise, too.
+    of free course follows noise, too, and what the law of a far stronger effect leaves: no model is exact.
     """
+    if effect.free_course and proof.support < LOOKALIKE * strongest:
+        return f"its evidence, {proof.support:.0f} nats, may come from the law of an effect with {strongest:.0f}"
     alone = not effect.free_course and proof.support >= strongest
     if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""

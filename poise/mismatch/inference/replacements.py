@@ -177,14 +177,21 @@ def _pairs(
 ) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate, float]]:
     """Each two effects of an answer with those that do as well in the place of either: one cause is simpler than two.
 
-    A search that adds one effect at a time may explain a cause by two that have fewer parameters each.
+    A search that adds one effect at a time may explain a cause by two that have fewer parameters each. One that
+    contains either of them must do better than both.
     """
     for (first, of_first), (second, of_second) in itertools.combinations(zip(found.parts, instead, strict=True), 2):
         pair = {first.effect.name, second.effect.name}
-        both = [of_first[name] for name in _as_good(first, of_first) & _as_good(second, of_second) - pair]
+        good = _as_good(first, of_first), _as_good(second, of_second)
+        both = [of_first[name] for name in good[0] & good[1] - pair]
         both = [each for each in both if not pair & set(each.effect.made_of)]
         for each in sorted(both, key=lambda one: _size(problem, one))[:_TRIED]:
             yield (first, second), each, EQUAL_EVIDENCE
+        # One that contains an effect of the pair has not been compared in the place of the other.
+        either = [*(of_first[name] for name in good[0]), *(of_second[name] for name in good[1])]
+        for each in either:
+            if len(pair & set(each.effect.made_of)) == 1:
+                yield (first, second), each, 0.0
 
 
 def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:
