@@ -172,7 +172,7 @@ class World:
         turn = self.data.xmat[self.frame].reshape(3, 3)
         arm = turn @ place
         velocity = np.zeros(6)
-        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, self.frame, velocity, 0)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, self.frame, velocity, 0)
         return self.data.xpos[self.frame] + arm, velocity[3:] + cross(velocity[:3], arm)
 
     def pull(self, force: Array, place: Array) -> None:

@@ -174,18 +174,19 @@ def _with_rivals(
 def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, held: Mask) -> _Proven:
     """A model of joint efforts without the effects that lack a proof, where others in their place explain more.
 
-    Effects on efforts are chosen together: one without a proof, such as an event that pulls, kept others away.
+    Effects on efforts are chosen together: one without a proof, such as an event that pulls, keeps others away or takes
+    a piece of what they explain. So events alone are left out first.
     """
-    for _ in range(_REPLACED):
-        if state.limit.over() or not found[0].dropped:
-            break
-        best = searched_again(state, found[0].dropped)
+    events = frozenset(each.name for each in state.library if each.free_course)
+    refused: set[str] = set()
+    while not state.limit.over() and not refused.issuperset(found[0].dropped):
+        refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
+        best = searched_again(state, refused)
         if set(names(best)) <= set(names(found[0].fit)):
-            break
+            continue
         tried = _proven(state, best, seen, held)
-        if tried[3].augmented >= found[3].augmented:
-            break
-        found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
+        if tried[3].augmented < found[3].augmented:
+            found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
     return found
 
 

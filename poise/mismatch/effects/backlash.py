@@ -1,14 +1,16 @@
 """Backlash: the gear has play between motor and link."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers
+from poise.mismatch.effects.knocks import knocks_at
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, white_level
 from poise.types import Array
 
 _LOUD, _KNOCK = 1.1, 6.0
@@ -44,6 +46,7 @@ class Backlash(Effect):
     separating_motion = "small strokes of the joint to and fro without load: the torque vanishes, then knocks"
     confused_with = ("coulomb_friction", "stribeck_friction", "motor_inertia")
     needs = ("effort",)
+    defaults: ClassVar[Values] = {"own_knock": 0.0, "others_knock": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.effort is None:
@@ -56,44 +59,60 @@ class Backlash(Effect):
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("own", "", 1.0, high=_MOST, positive=True, hidden=True),
             EffectParameter("others", "", 1.0, hidden=True),
+            EffectParameter("own_knock", "", 1.0, hidden=True),
+            EffectParameter("others_knock", "", 1.0, hidden=True),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The joint with the largest residual; its gap and the softness of the knock, from coarse to fine blur.
+        """The joint whose gap explains most; its gap and the softness of the knock, from coarse to fine blur.
 
-        A knock some samples too late explains nothing; in a blurred residual its gap still leads to a better one.
+        A knock shakes other joints too, which may show it more than its own. A knock some samples too late explains
+        nothing; in a blurred residual its gap still leads to a better one.
         """
         level = np.maximum(white_level(residual), 1e-12)
-        loud = np.maximum(residual.std(axis=0) / _LOUD, np.abs(residual).max(axis=0) / _KNOCK) / level
-        column = int(np.argmax(loud))
-        if loud[column] < 1.0:
-            return
-        joint = float(list(numbers(recorded))[column])
+        loud = np.maximum(residual.std(axis=0) / _LOUD, np.abs(residual).max(axis=0) / _KNOCK) >= level
 
-        def left(gap: float, settling: float, blur: int) -> float:
-            values = {"joint": joint, "gap": gap, "settling": settling}
+        def left(column: int, gap: float, settling: float, blur: int) -> float:
+            values = {"joint": float(numbers(recorded)[column]), "gap": gap, "settling": settling}
             response = self.columns(recorded, values)[:, column, 0]
             there, here = (uniform_filter1d(part, blur) for part in (residual[:, column], response))
-            there, here = there - there.mean(), here - here.mean()
+            there, here = (there - there.mean()) / level[column], here - here.mean()
             return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
 
-        gap = min(
-            np.geomspace(*_gaps(recorded, joint), _TRIED), key=lambda each: left(float(each), _SOFT[1], _BLURS[0])
-        )
+        coarse = {
+            (column, gap): left(column, gap, _SOFT[1], _BLURS[0])
+            for column in np.flatnonzero(loud).tolist()
+            for gap in np.geomspace(*_gaps(recorded, numbers(recorded)[column]), _TRIED).tolist()
+        }
+        if not coarse:
+            return
+        column, gap = min(coarse, key=coarse.__getitem__)
         for blur, reach in zip(_BLURS, _REACHES, strict=True):
-            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), _SOFT[1], blur))
-        settling = min(_SOFT, key=lambda each: left(float(gap), each, 1))
-        yield {"joint": joint, "gap": float(gap), "settling": settling}
+            near = (gap * np.exp(np.linspace(-reach, reach, 11))).tolist()
+            gap = min(near, key=lambda each: left(column, each, _SOFT[1], blur))
+        settling = min(_SOFT, key=lambda each: left(column, gap, each, 1))
+        yield {"joint": float(numbers(recorded)[column]), "gap": gap, "settling": settling}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        """The effort of the joint itself, and of the others: less where these yield."""
+        """The effort of the joint itself, and of the others: less where these yield; and what knocks add to both.
+
+        How hard a knock is depends on the rotor, which recoils between two samples.
+        """
         track, column = efforts(recorded), column_of(recorded, nonlinear["joint"])
-        inertia = track.by_acceleration[:, :, column]
-        push = -track.rigid[:, column] / np.maximum(inertia[:, column], 1e-6)
+        inertia, push = track.by_acceleration[:, :, column], _push(track, column)
         beyond, _, second = between_stops(track.seconds, push, nonlinear["gap"], nonlinear["settling"])
+        knock = second - push * (np.abs(beyond) < 0.5 * nonlinear["gap"])
         whole = inertia * second[:, None] + track.by_position[:, :, column] * beyond[:, None]
         own = np.arange(whole.shape[1]) == column
-        return np.stack([whole * own, whole * ~own], axis=2)
+        knocks = inertia * knock[:, None]
+        return np.stack([whole * own, whole * ~own, knocks * own, knocks * ~own], axis=2)
+
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        """The knocks: when they come depends on the speed at which a small torque changes its sign."""
+        track, gap, settling = efforts(recorded), values["gap"], values["settling"]
+        push = _push(track, column_of(recorded, values["joint"]))
+        beyond, speed, _ = between_stops(track.seconds, push, gap, settling)
+        return knocks_at(track.seconds, beyond, speed, push, gap, settling)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         low, high = _gaps(recorded, values["joint"])
@@ -108,6 +127,11 @@ class Backlash(Effect):
             f"{joint_called(recorded, values['joint'])} has {gap} of backlash: its {'force' if slides else 'torque'} "
             "vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )
+
+
+def _push(track: EffortTrack, column: int) -> Array:
+    """(M,) acceleration of a free link relative to its motor."""
+    return np.asarray(-track.rigid[:, column] / np.maximum(track.by_acceleration[:, column, column], 1e-6))
 
 
 def _slides(recorded: RecordedMotion, joint: float) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects.part_motion import knock_acceleration
+from poise.mismatch.effects.starts import spans
 from poise.types import Array
 
 _LOUD = 8.0
@@ -19,6 +20,8 @@ _SETTLINGS = tuple(0.002 * 2.0 ** (k / 4) for k in range(17))
 """s: 2 to 32 ms."""
 _PLACES = 21
 """Moments between two samples that are tried as the start of a knock."""
+_GIVES, _BESIDE = 0.01, 3.0
+"""Share of the gap by which a stop gives way while it settles; samples beside it whose prediction it upsets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,20 @@ def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
         moments, impulses = np.array([one[1:] for one in tried[i]]).T
         readings.append(Knocks(axis, moments, impulses, _SETTLINGS[i], rows))
     return readings
+
+
+def knocks_at(
+    seconds: Array, place: Array, speed: Array, push: Array, gap: float, settling: float
+) -> tuple[tuple[float, float], ...]:
+    """Windows (start, end), s, in which a part between two stops knocks: while a stop gives way.
+
+    Args:
+        seconds, place, speed, push: (N,) of the part. gap, settling: see `between_stops`.
+    """
+    beyond = np.abs(place) - 0.5 * gap
+    moves = np.abs(beyond - np.abs(push) * settling**2) + np.abs(speed) * settling
+    gives = (beyond > 0.0) & (moves > _GIVES * gap)
+    return tuple(spans(seconds, gives, _BESIDE * float(np.median(np.diff(seconds)))))
 
 
 def _knock(seconds: Array, along: Array, onset: int, settling: float) -> tuple[float, float, float]:

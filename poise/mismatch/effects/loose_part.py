@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
-from poise.mismatch.effects.knocks import Knocks, find_knocks
+from poise.mismatch.effects.knocks import Knocks, find_knocks, knocks_at
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
     AXIS_PARAMETERS,
@@ -25,7 +25,6 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
@@ -49,9 +48,6 @@ _TRIED = 3
 """Starts that are improved: each may end at a gap that is right for some of the knocks alone."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s: accuracy of axis, place and time from knocks alone."""
-
-_GIVES, _BESIDE = 0.01, 3.0
-"""Share of the gap by which a stop gives way while it settles; samples beside it whose prediction it upsets."""
 
 
 class LoosePart(Effect):
@@ -125,11 +121,7 @@ class LoosePart(Effect):
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """The knocks: while a stop gives way."""
         slid, speed, _ = self._slid(recorded, values)
-        beyond = np.abs(slid) - 0.5 * values["gap"]
-        held = np.abs(_push(recorded, values)) * values["settling"] ** 2
-        moves = np.abs(beyond - held) + np.abs(speed) * values["settling"]
-        gives = (beyond > 0.0) & (moves > _GIVES * values["gap"])
-        return tuple(spans(recorded.seconds, gives, _BESIDE * recorded.period))
+        return knocks_at(recorded.seconds, slid, speed, _push(recorded, values), values["gap"], values["settling"])
 
     @staticmethod
     def _slid(recorded: RecordedMotion, values: Values) -> tuple[Array, Array, Array]:

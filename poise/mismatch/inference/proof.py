@@ -268,8 +268,8 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
     if problem.blocks is not None and any(part.effect.free_course for part in whole.parts):
         length = 1
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
-        full = replace(problem, blocks=None)
-        whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
+        problem = replace(problem, blocks=None)
+        whole, *without = (fit(problem, each.parts, 1) for each in (whole, *without))
     proofs = [_proof(problem, length, whole, *pair) for pair in zip(whole.parts, without, strict=True)]
     settled = problem.settled(whole.parts)
     if settled.all():
