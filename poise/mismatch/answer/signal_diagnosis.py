@@ -12,6 +12,7 @@ from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
+    HELD_OUT_EXCESS,
     WARM_STEPS,
     EffectCandidate,
     HeldOutProof,
@@ -42,9 +43,8 @@ FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
 proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
-_ALLOWED, _LEAST = 0.15, 1e-3
-"""Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them, and the
-least one of the nominal model by which a misfit is divided."""
+_LEAST = 1e-3
+"""Least energy above that of noise of the nominal model by which a misfit is divided."""
 
 _Proven = tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]
 
@@ -175,11 +175,11 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     """A model of joint efforts without the effects that lack a proof, where others in their place explain more.
 
     Effects on efforts are chosen together: one without a proof, such as an event that pulls, keeps others away or takes
-    a piece of what they explain. So events alone are left out first.
+    a piece of what they explain. So events alone are left out first. Within the noise nothing is left to explain.
     """
     events = frozenset(each.name for each in state.library if each.free_course)
     refused: set[str] = set()
-    while not state.limit.over() and not refused.issuperset(found[0].dropped):
+    while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].within_noise):
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
         best = searched_again(state, refused)
         if set(names(best)) <= set(names(found[0].fit)):
@@ -229,6 +229,6 @@ def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | floa
 
 def _misfit(proof: HeldOutProof, excess: float) -> float:
     """Share of the nominal model's error that an answer leaves; all of it where no sample was held out to show it."""
-    left = np.max([proof.augmented**2 - 1.0 - _ALLOWED, excess, 0.0])  # NaN stays
+    left = np.max([proof.augmented**2 - 1.0 - HELD_OUT_EXCESS, excess, 0.0])  # NaN stays
     misfit = float(left) / max(proof.in_range**2 - 1.0, _LEAST)
     return min(misfit, 1.0) if np.isfinite(misfit) else 1.0

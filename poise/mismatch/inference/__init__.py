@@ -10,7 +10,7 @@ from poise.mismatch.inference.fitting import (
     linearization_point,
     refine,
 )
-from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
+from poise.mismatch.inference.heldout import HELD_OUT_EXCESS, HeldOutProof, held_out, relative_error, tail
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
@@ -30,6 +30,7 @@ from poise.mismatch.inference.variations import Variation, variations
 
 __all__ = [
     "EQUAL_EVIDENCE",
+    "HELD_OUT_EXCESS",
     "LOOKALIKE",
     "MATERIAL_EXCESS",
     "NEAR_SHARE",

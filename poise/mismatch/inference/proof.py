@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from poise.mismatch.effects import Effect, within
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, names, residual_of
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, implausible, names, residual_of
 from poise.mismatch.inference.problem import BRIEF, FittedEffect, Problem
 from poise.mismatch.inference.replacements import LOOKALIKE
 from poise.mismatch.inference.unknown import Dependence
@@ -43,12 +43,15 @@ _ERRORS = 2.0
 _LEAST_LOCAL = 5.0
 """Least energy of a brief event in a sample, in units of the noise of a channel: a smaller one may be an error of the
 measured motion, which a brief event finds anywhere in a recording. Where nothing is left at other times, the energy of
-the whole residual during the event counts."""
+the whole residual during the event counts. An event with a law has `LEAST_BESIDE` instead (vibrations that healthy
+cases of benchmarks.foreign imitate have up to 60 nats)."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
 LEAST_BESIDE = 100.0
 """log evidence that an event of free course, or an effect beside a stronger one, must win: noise of other families than
 those of the noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
+_LEAST_OF_FRICTION = 0.02
+"""Share of the log evidence of all effects that a dry friction must win beside another one: no law of it is exact."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
 """Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
 above that of noise, as its share, where it acts. The shape of a change that stays, as a leak, is that of no noise."""
@@ -162,15 +165,18 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         whole = state.fitted(problem, best.parts, WARM_STEPS)
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
-        strongest = max((proof.support for proof in proofs), default=0.0)
+        parts = zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
         lacking = [
-            implausible(problem.recorded, [part])
-            or immaterial(problem, part, proof)
-            or proof.lacking
-            or faint(part.effect, proof, strongest)
-            or cancelled
-            for part, proof, cancelled in zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
+            implausible(problem.recorded, [part]) or immaterial(problem, part, proof) or proof.lacking or cancelled
+            for part, proof, cancelled in parts
         ]
+        if not any(lacking):
+            # What fails by itself is no stronger effect, beside which another one is faint.
+            strongest = max((proof.support for proof in proofs), default=0.0)
+            lacking = [
+                faint(part.effect, proof, strongest) or _detail_of_friction(state, whole, part, proof)
+                for part, proof in zip(whole.parts, proofs, strict=True)
+            ]
         failed = [index for index, reason in enumerate(lacking) if reason]
         if not failed:
             return ProvenModel(whole, tuple(proofs), tuple(without), dropped)
@@ -210,7 +216,9 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
         alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
-        return "" if alone or proof.local >= _LEAST_LOCAL else "it is not larger than errors of the measured motion"
+        sure = not part.effect.free_course and proof.support >= LEAST_BESIDE
+        large = alone or sure or proof.local >= _LEAST_LOCAL
+        return "" if large else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
@@ -226,6 +234,21 @@ def faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
+
+
+def _detail_of_friction(state: HypothesisSearch, whole: HypothesisFit, part: FittedEffect, proof: EffectProof) -> str:
+    """Why a friction of a model may be a detail of another one's law; "" where it is not.
+
+    Either may explain most of what both explain, so that neither has much evidence beside the other: it is compared
+    with the evidence of the whole model.
+    """
+    others = [other for other in whole.parts if other is not part and other.effect.dry and part.effect.dry]
+    if not any(alike(part.effect, other.effect) for other in others):
+        return ""
+    won = whole.log_evidence - state.fitted(state.under(whole), (), 0).log_evidence
+    if proof.support >= _LEAST_OF_FRICTION * won:
+        return ""
+    return f"its evidence, {proof.support:.0f} of {won:.0f} nats, may come from the law of another friction"
 
 
 def cancelling(problem: Problem, parts: Sequence[FittedEffect]) -> list[str]:
