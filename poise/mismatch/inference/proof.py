@@ -213,11 +213,11 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
     if windows and not stays and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
+        if not part.effect.free_course and proof.support >= LEAST_BESIDE:
+            return ""
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
-        alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
-        sure = not part.effect.free_course and proof.support >= LEAST_BESIDE
-        large = alone or sure or proof.local >= _LEAST_LOCAL
+        large = proof.local >= _LEAST_LOCAL or (proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL)
         return "" if large else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
