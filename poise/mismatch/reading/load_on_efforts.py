@@ -19,7 +19,7 @@ from poise.mismatch.effects import (
 from poise.mismatch.recorded import RecordedMotion, at_times, joint_torques, wrench_of_torques
 from poise.types import Array
 
-_SHOWN = ("payload_parameters", "world_force", "air_drag", "flywheel", "cable", "mass_step", "mass_leak", "contact")
+_SHOWN = ("payload_parameters", "world_force", "air_drag", "flywheel", "cable", "mass_step", "mass_leak", "contact", "slosh", "hanging_chain", "flexible_mode", "grasp_compliance", "loose_part")
 """Effects that act on the load from outside, or change it: efforts alone can show them."""
 _WITHOUT_WRENCH = (*_SHOWN, "base_tilt", "joint_offset", "external_vibration")
 _CALM = 0.05
