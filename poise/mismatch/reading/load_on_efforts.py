@@ -19,9 +19,8 @@ from poise.mismatch.effects import (
 from poise.mismatch.recorded import RecordedMotion, at_times, joint_torques, wrench_of_torques
 from poise.types import Array
 
-_SHOWN = ("payload_parameters", "world_force", "air_drag", "flywheel", "cable", "mass_step", "mass_leak", "contact", "slosh", "hanging_chain", "flexible_mode", "grasp_compliance", "loose_part")
-"""Effects that act on the load from outside, or change it: efforts alone can show them."""
-_WITHOUT_WRENCH = (*_SHOWN, "base_tilt", "joint_offset", "external_vibration")
+_EVENTS = ("mass_step", "mass_leak", "contact")
+"""Events that happen to the load."""
 _CALM = 0.05
 """s, one sigma of the filter that removes the noise of a wrench."""
 
@@ -35,7 +34,7 @@ class _OnEfforts(Effect):
         self._inner = inner
         words = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with")
         kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
-        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks")})
+        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks", "most", "turn")})
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -46,6 +45,9 @@ class _OnEfforts(Effect):
 
     def twins(self, values: Values) -> tuple[str, ...]:
         return self._inner.twins(values)
+
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        return self._inner.unsettled(recorded, values)
 
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
         return self._inner.imitated(recorded, values)
@@ -228,7 +230,7 @@ def _acceleration(by_motion: Array, residual: Array) -> Array:
 
 def acting_on_efforts(effect: Effect) -> Effect | None:
     """The effect as it acts on joint efforts; None for an effect that does not reach them."""
-    if effect.layer == "load" or effect.name in _SHOWN:
+    if effect.layer == "load" or effect.name in _EVENTS:
         return LoadOnEfforts(effect)
     if isinstance(effect, UnreportedBaseMotion):
         return MotionOnEfforts(effect)
@@ -251,5 +253,5 @@ def on_efforts(effect: Effect, recorded: RecordedMotion) -> Effect:
     """The effect as the efforts show it, for a recording of joint efforts without a wrench."""
     if isinstance(effect, UnreportedBaseMotion) and recorded.effort is not None and not recorded.has("wrench"):
         return MotionOnEfforts(effect, FEWEST_SPLINES)
-    shown = recorded.effort is not None and not recorded.has("wrench") and effect.name in _WITHOUT_WRENCH
+    shown = recorded.effort is not None and not recorded.has("wrench")
     return (acting_on_efforts(effect) if shown else None) or effect
