@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("mujoco")
 pytest.importorskip("rosbags")
 
+import mujoco
 import pinocchio as pin
 import yaml
 from scipy.interpolate import make_interp_spline
@@ -110,6 +111,19 @@ def test_a_load_at_rest_weighs_what_it_should() -> None:
     whole = what.load.whole
     np.testing.assert_allclose(track.wrench[100, :3], whole.mass * down, atol=0.03)
     np.testing.assert_allclose(track.wrench[100, 3:], np.cross(whole.com, whole.mass * down), atol=0.003)
+
+
+def test_the_velocity_of_a_point_is_the_rate_of_its_position() -> None:
+    """Also on a link whose centre of mass is not in the sensor's frame."""
+    world = World(scene("fr3"))
+    world.model.body_ipos[world.frame] = [0.05, -0.03, 0.2]
+    place, ahead, step = np.array([0.1, -0.05, 0.15]), [], 1e-6
+    world.data.qvel[world.driven] = np.linspace(-1.0, 1.0, len(world.driven))
+    for _ in range(2):
+        mujoco.mj_forward(world.model, world.data)
+        ahead.append(world.point(place))
+        world.data.qpos[world.address] += step * world.data.qvel[world.driven]
+    np.testing.assert_allclose((ahead[1][0] - ahead[0][0]) / step, ahead[0][1], atol=1e-4)
 
 
 def change_of(what: Scene, fault: Fault) -> tuple[Track, Array, Array]:

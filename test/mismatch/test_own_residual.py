@@ -59,6 +59,13 @@ def test_a_step_of_a_peaked_parameter_follows_its_tangent_and_stays_in_its_range
     assert parameter.moved(0.4, 9.0) == pytest.approx(0.5, rel=1e-3)
 
 
+def test_a_fit_may_end_where_a_property_vanishes_but_not_at_another_end() -> None:
+    damping = EffectParameter("damping_time", "s", low=1e-3, high=2.0, linear=False, log=True, vanishes=True)
+    assert not damping.at_end(1e-3)
+    assert damping.at_end(2.0)
+    assert replace(damping, vanishes=False).at_end(1e-3)
+
+
 def test_a_filter_and_an_early_clock_that_cancel_are_no_explanation():
     recorded = make_case(3, duration=5.0).recorded()
     slow, late = (effect_named(name) for name in ("low_pass", "clock_offset"))

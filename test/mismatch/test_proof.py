@@ -268,6 +268,29 @@ def test_an_event_without_a_free_course_needs_no_more_than_other_effects_when_it
     assert faint(leak, proof, 500.0)
 
 
+def test_a_brief_vibration_below_the_noise_is_known_by_its_evidence() -> None:
+    vibration = effect_named("external_vibration")
+    assert vibration is not None
+    recorded, model = pulled(3.0)
+    problem = wrench_problem(recorded, model)
+    values = {p.name: 0.1 for p in vibration.parameters(recorded)} | {"start": 2.0, "length": 1.0, "frequency": 8.0}
+    faint_one = EffectProof(6, 6, 1.01, 1.0, 315.0, 0.03, 0.0, 3.5, 57.0, 2.0, 0.6)
+    part = FittedEffect(vibration, values)
+    assert "at other times" in immaterial(problem, part, faint_one)
+    assert "errors of the measured motion" in immaterial(problem, part, replace(faint_one, elsewhere=0.1))
+    assert not immaterial(problem, part, replace(faint_one, evidence=283.0))
+
+
+def test_a_brief_event_beside_a_far_stronger_effect_is_an_error_of_its_law() -> None:
+    contact, tilt = effect_named("contact"), effect_named("base_tilt")
+    assert contact is not None
+    assert tilt is not None
+    proof = EffectProof(6, 6, 1.03, 1.02, 296.0, 0.015, 0.04, 7.1, 219.0, 5.9, 0.0)
+    assert "law of an effect" in faint(contact, proof, 67_000.0)
+    assert not faint(contact, proof, 20_000.0)
+    assert not faint(tilt, proof, 67_000.0)
+
+
 def test_a_name_that_a_curve_without_proof_hid_takes_its_place() -> None:
     recorded, model = pulled(3.0)
     problem, pull = wrench_problem(recorded, model), Pull(np.inf)

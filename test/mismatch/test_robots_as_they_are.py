@@ -320,7 +320,7 @@ def test_the_play_of_a_lift_is_in_mm_and_that_of_the_arm_on_it_in_degrees() -> N
     text = urdf(("lift", "prismatic", "0 0 1"), ("elbow", "revolute", "0 1 0"))
     recorded = read(Recorded(text).joints(), text).recorded
     (effect,) = effects_called(["backlash"])
-    values = {"settling": 0.01, "own": 1.0, "others": 1.0}
+    values = {"settling": 0.01, "own": 1.0, "others": 1.0, "own_knock": 0.0, "others_knock": 0.0}
     lift, elbow = {**values, "joint": 1.0, "gap": 1e-4}, {**values, "joint": 2.0, "gap": 1e-2}
     assert "lift has 0.1 mm of backlash: its force" in effect.sentence(recorded, lift)
     assert "elbow has 0.57 degrees of backlash: its torque" in effect.sentence(recorded, elbow)
