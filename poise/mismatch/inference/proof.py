@@ -43,8 +43,10 @@ _ERRORS = 2.0
 _LEAST_LOCAL = 5.0
 """Least energy of a brief event in a sample, in units of the noise of a channel: a smaller one may be an error of the
 measured motion, which a brief event finds anywhere in a recording. Where nothing is left at other times, the energy of
-the whole residual during the event counts. An event with a law has `LEAST_BESIDE` instead (vibrations that healthy
-cases of benchmarks.foreign imitate have up to 60 nats)."""
+the whole residual during the event counts."""
+_SURE = 200.0
+"""log evidence from which a brief event with a law, as a vibration, is no noise: healthy cases of benchmarks.foreign
+imitate vibrations with up to 60 nats, and a wrong payload with 100."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
 LEAST_BESIDE = 100.0
@@ -213,7 +215,7 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
     if windows and not stays and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
-        if not part.effect.free_course and proof.support >= LEAST_BESIDE:
+        if not part.effect.free_course and proof.support >= _SURE:
             return ""
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"

@@ -148,7 +148,8 @@ def improved(
         None where every effect is at its place.
     """
     problem, now = state.under(found), None
-    for replaced, best, slack in (*_single(problem, found, instead), *_pairs(problem, found, instead)):
+    places = (_single(problem, found, instead), _pairs(problem, found, instead), _alike_pairs(state, problem, found))
+    for replaced, best, slack in itertools.chain(*places):
         kept = tuple(part for part in found.parts if part not in replaced)
         key = tuple(sorted((*(part.effect.name for part in kept), best.effect.name)))
         if key in state.replaced:
@@ -193,6 +194,24 @@ def _pairs(
         for each in either:
             if len(pair & set(each.effect.made_of)) == 1:
                 yield (first, second), each, 0.0
+
+
+def _alike_pairs(
+    state: HypothesisSearch, problem: Problem, found: HypothesisFit
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate, float]]:
+    """Each two effects that are confused with each other, with one that either is confused with in the place of both.
+
+    Beside either of them it explains little: two swings in two directions hide a soft grasp.
+    """
+    for pair in itertools.combinations(found.parts, 2):
+        if not alike(pair[0].effect, pair[1].effect):
+            continue
+        rest = [other for other in found.parts if other not in pair]
+        taken = {other.effect.name for other in found.parts}.union(*(other.effect.made_of for other in rest))
+        free = [each for each in state.library if each.name not in taken and not isinstance(each, FreeCurve)]
+        free = [each for each in free if any(alike(each, part.effect) for part in pair)]
+        for each in beside(problem.weighed(), rest, free, state.limit)[:_TRIED]:
+            yield pair, each, EQUAL_EVIDENCE
 
 
 def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:
