@@ -54,7 +54,7 @@ class GraspCompliance(Effect):
         weight = np.repeat([1.0, 20.0], 3)
         wanted, scores = beside_errors(recorded, residual) * weight, []
         for height in (0.0, 0.05):
-            for stiffness in np.geomspace(25.0, 1000.0, 6):
+            for stiffness in np.geomspace(10.0, 1000.0, 7):
                 values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
                 response = recorded.once(
                     ("grasp", height, stiffness), partial(self._simulated, recorded, values, rounds=1)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects import Effect
+from poise.mismatch.effects import Effect, EffectParameter
 from poise.mismatch.inference.block_fits import (
     BLOCKS,
     BlockSums,
@@ -48,6 +48,8 @@ _LEAST_GAIN = 20.0
 """log likelihood that an effect must win in some joint of a difference of two recordings, on other blocks."""
 _TOLERANCE_RIDGE = 0.01
 """Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
+_SCALE = EffectParameter("scale", "", 1.0, high=1.5, positive=True)
+"""Of a response without linear parameters at a starting point."""
 _FLOOR = 1e-5
 """Least variance of a joint's residual, relative to that of its measured effort."""
 
@@ -57,15 +59,14 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
 
     Args:
         problem: joint efforts.
-        effects: with linear parameters.
+        effects: a response without linear parameters, as a soft grasp's, is scaled.
     """
     effort, rows = problem.recorded.effort, np.flatnonzero(problem.active)
     if effort is None or len(rows) < 20 * BLOCKS:
         return ()
     screen = _Screen(problem, effort, rows)
-    linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
-    choosing = [each for each in linear if follows_residual(each, problem)]
-    sums = screen.extended([each for each in linear if each not in choosing])
+    choosing = [each for each in effects if follows_residual(each, problem)]
+    sums = screen.extended([each for each in effects if each not in choosing])
     chosen = _grown(sums, [])
     for _ in range(_CHOICES if choosing else 0):
         # Which joints are concerned shows once the common effects are there, and those found before.
@@ -77,7 +78,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
             break
     sums, chosen = _with_laws(problem, screen, sums, chosen)
     chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(problem, sums, chosen), general=True)))
-    for effect in (each for each in linear if each.made_of):
+    for effect in (each for each in effects if each.made_of):
         chosen = _replaced(problem, sums, chosen, effect)
     return _fitted(problem, sums, chosen)
 
@@ -114,14 +115,15 @@ class _Screen:
             recorded = self._problem.recorded
             left = self._problem.unexplained(self._problem.predicted(self._problem.compose(beside)[1]))
         for effect in effects:
-            linear = [p for p in effect.parameters(recorded) if p.linear]
+            linear = [p for p in effect.parameters(recorded) if p.linear] or [_SCALE]
             lower = np.array([max(p.lower, p.low) for p in linear])
             upper = np.array([p.high for p in linear])
             precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
             for start in effect.starts(recorded, left):
                 if general and not effect.general_at(start):
                     continue
-                columns = effect.columns(recorded, start)
+                scaled = linear == [_SCALE]
+                columns = effect.simulate(recorded, start)[:, :, None] if scaled else effect.columns(recorded, start)
                 columns = columns if beside is None else np.asarray(columns[self._groups].mean(axis=1))
                 columns = columns * self._free[:, :, None]
                 event = effect.free_course or brief(effect, recorded, start)
@@ -284,7 +286,6 @@ def _fitted(problem: Problem, sums: BlockSums, chosen: list[int]) -> tuple[Fitte
         if family.effect is None:
             continue
         linear = [p.name for p in family.effect.parameters(problem.recorded) if p.linear]
-        parts.append(
-            FittedEffect(family.effect, dict(family.values) | dict(zip(linear, values[place].tolist(), strict=True)))
-        )
+        fitted = values[place].tolist() if linear else []
+        parts.append(FittedEffect(family.effect, dict(family.values) | dict(zip(linear, fitted, strict=True))))
     return tuple(parts)
