@@ -22,6 +22,7 @@ from benchmarks.random_effects import TURNS, random_case
         (7046, "slosh"),  # joint states at 500 Hz that arrive in bursts
         (7227, "cable"),  # efforts alone, in which a contact without proof kept it away
         (7269, "backlash"),  # shakes other joints more than its own
+        (7291, "coulomb_friction"),  # whose law of reversal is no other friction
         (7310, "flexible_mode"),  # efforts alone
     ],
 )
