@@ -10,6 +10,7 @@ wrong part.
 
 import heapq
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,11 @@ class MergeCosts:
     shading: float = 0.0
     one_colour: float = 1.0
     least: float = 0.01
+
+    @property
+    def weights(self) -> Array:
+        """(6,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both."""
+        return np.array([self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both])
 
 
 @dataclass(frozen=True)
@@ -158,19 +164,28 @@ class _Clusters:
 
     def merging(self, i: Indices, j: Indices) -> Array:
         """(K,) what merging clusters i and j (K,) costs."""
-        costs = self.costs
-        step, share = self._steps(i, j), self._inwards(i, j)
+        costs, terms = self.costs, self.terms(i, j)
+        odds = costs.constant + terms @ costs.weights
+        # What is too small to be a part, or of the same colour, merges before others do.
+        alike = np.where(terms[:, 1] < _ONE_COLOUR, costs.one_colour, 1.0)
+        haste = np.where(np.minimum(self._volume[i], self._volume[j]) < costs.least, _HASTE, alike)
+        return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
+
+    def terms(self, i: Indices, j: Indices) -> Array:
+        """(K, 6) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
         joined = _extents(self._moment[i] + self._moment[j])
         grown = np.log(joined / (_extents(self._moment[i]) + _extents(self._moment[j])))
         thick = self._volume[i] * self._area[j] / (self._volume[j] * self._area[i])
-        smaller = np.minimum(self._volume[i], self._volume[j])
-        odds = costs.constant + costs.concave * share + costs.colour * step + costs.spread * grown
-        odds += costs.thickness * np.minimum(np.abs(np.log(thick)), _THICKEST)
-        odds += costs.smaller * np.log(np.maximum(smaller, _SMALLEST))
-        odds += costs.both * np.log(self._volume[i] + self._volume[j])
-        # What is too small to be a part, or of the same colour, merges before others do.
-        haste = np.where(smaller < costs.least, _HASTE, np.where(step < _ONE_COLOUR, costs.one_colour, 1.0))
-        return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
+        smaller = np.maximum(np.minimum(self._volume[i], self._volume[j]), _SMALLEST)
+        columns = [
+            self._inwards(i, j),
+            self._steps(i, j),
+            grown,
+            np.minimum(np.abs(np.log(thick)), _THICKEST),
+            np.log(smaller),
+            np.log(self._volume[i] + self._volume[j]),
+        ]
+        return np.stack(columns, axis=1)
 
     def _steps(self, i: Indices, j: Indices) -> Array:
         """(K,) distances of colours, less what noise adds."""
@@ -202,6 +217,20 @@ class _Clusters:
             self._edges[k, parent] = inwards, edges
             self.touching[k].add(parent)
         return parent
+
+
+class _Remembered(_Clusters):
+    """Clusters that keep the terms of all pairs that were considered."""
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.pairs, self.known = [np.zeros((0, 2), np.int64)], [np.zeros((0, len(self.costs.weights)))]
+
+    def terms(self, i: Indices, j: Indices) -> Array:
+        found = super().terms(i, j)
+        self.pairs.append(np.stack([i, j], axis=1))
+        self.known.append(found)
+        return found
 
 
 def _moments(solid: Solid, leaves: Indices, count: int) -> Array:
@@ -249,6 +278,28 @@ def build_hierarchy(
     compiled = COMPILED and n_leaves <= _MOST_COMPILED
     merges = clusters.merged_compiled(pairs, borders) if compiled else _merge_all(clusters, pairs, borders)
     return Hierarchy(n_leaves, tuple(merges))
+
+
+def considered_merges(
+    solid: Solid,
+    leaves: Indices,
+    point_leaves: Indices,
+    colours: Array,
+    graph: SurfaceGraph,
+    costs: MergeCosts,
+) -> tuple[Hierarchy, Indices, Array]:
+    """What the weights of `MergeCosts` are found from: the hierarchy, with all pairs that might have been merged.
+
+    Args:
+        solid, leaves, point_leaves, colours, graph, costs: as of `build_hierarchy`.
+
+    Returns:
+        The hierarchy; (K, 2) clusters; (K, 6) terms of their log odds, see `MergeCosts.weights`.
+    """
+    clusters = _Remembered(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
+    count = clusters.next
+    merges = _merge_all(clusters, _touching(solid, leaves, count), _borders(graph, point_leaves, count))
+    return Hierarchy(count, tuple(merges)), np.concatenate(clusters.pairs), np.concatenate(clusters.known)
 
 
 def _touching(solid: Solid, leaves: Indices, count: int) -> Indices:
