@@ -5,8 +5,8 @@ python -m benchmarks.segmentation_downstream [--seeds N] [--first-seed N] [--ran
 Scanned shapes are as `poise identify --object` reads them, and as accurate as it says. The true parts are once known as
 from CAD, and once only as accurately as a cloud shows lengths: that difference is what a cloud costs whatever is found.
 The last column has found parts on a solid whose volume, centroid and second moments are true: that difference is what
-the solid costs, the cuts between its parts left out. The last row is the share of the entries of the inertia that lie in
-the 95 % intervals of `poise`. With `--layered` the largest part of each random object has two layers, which no cloud
+the solid costs, the cuts between its parts left out. The last row is the share of the entries of the inertia that lie
+in the 95 % intervals of `poise`. With `--layered` the largest part of each random object has two layers, which no cloud
 shows and no model of parts describes.
 """
 
