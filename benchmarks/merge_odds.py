@@ -22,7 +22,7 @@ from benchmarks.segmentation_draws import boxes
 from benchmarks.segmentation_truth import NOISE
 from poise.errors import InputError
 from poise.shape import segmentation
-from poise.shape.hierarchy import Hierarchy, MergeCosts, considered_merges
+from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.nearest import nearest
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
@@ -82,7 +82,9 @@ def pairs_of(points: Array, colours: Array | None, labels: Indices, owner: int) 
     def recorded(
         solid: Solid, leaves: Indices, own: Indices, shades: Array, graph: SurfaceGraph, costs: MergeCosts
     ) -> Hierarchy:
-        found, pairs, terms = considered_merges(solid, leaves, own, shades, graph, costs)
+        considered: list[tuple[Array, Array]] = []
+        found = build_hierarchy(solid, leaves, own, shades, graph, costs, considered)
+        pairs, terms = (np.concatenate(column) for column in zip(*considered, strict=True))
         truth = labels[nearest(points, solid.vertices, 1)[1][:, 0]]
         kept.append(_judged(_tally(found, own, truth), pairs, terms, owner, costs.colour == 0))
         return found

@@ -10,7 +10,6 @@ wrong part.
 
 import heapq
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -128,6 +127,7 @@ class _Clusters:
         noise: float,
         costs: MergeCosts,
     ) -> None:
+        self.considered: list[tuple[Array, Array]] | None = None
         self.costs, self._noise = costs, noise / np.sqrt(len(point_leaves))
         count = int(leaves.max()) + 1
         most = 2 * count - 1
@@ -185,7 +185,10 @@ class _Clusters:
             np.log(smaller),
             np.log(self._volume[i] + self._volume[j]),
         ]
-        return np.stack(columns, axis=1)
+        found = np.stack(columns, axis=1)
+        if self.considered is not None:
+            self.considered.append((np.stack([i, j], axis=1), found))
+        return found
 
     def _steps(self, i: Indices, j: Indices) -> Array:
         """(K,) distances of colours, less what noise adds."""
@@ -219,20 +222,6 @@ class _Clusters:
         return parent
 
 
-class _Remembered(_Clusters):
-    """Clusters that keep the terms of all pairs that were considered."""
-
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self.pairs, self.known = [np.zeros((0, 2), np.int64)], [np.zeros((0, len(self.costs.weights)))]
-
-    def terms(self, i: Indices, j: Indices) -> Array:
-        found = super().terms(i, j)
-        self.pairs.append(np.stack([i, j], axis=1))
-        self.known.append(found)
-        return found
-
-
 def _moments(solid: Solid, leaves: Indices, count: int) -> Array:
     """(count, 10) moments of the leaves' volume (see `_Clusters`), the exact integrals over their tetrahedra."""
     scale = solid.volume ** (1 / 3)
@@ -261,6 +250,7 @@ def build_hierarchy(
     colours: Array,
     graph: SurfaceGraph,
     costs: MergeCosts,
+    considered: list[tuple[Array, Array]] | None = None,
 ) -> Hierarchy:
     """Merge clusters of tetrahedra, what likely is one part first, until nothing touches.
 
@@ -271,35 +261,16 @@ def build_hierarchy(
         colours: (V, 3) 0..1.
         graph: of the surface.
         costs: what keeps clusters apart.
+        considered: takes (K, 2) pairs that might be merged and (K, 6) terms of their log odds, see
+            `MergeCosts.weights`; then nothing is compiled.
     """
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
     pairs, borders = _touching(solid, leaves, n_leaves), _borders(graph, point_leaves, n_leaves)
-    compiled = COMPILED and n_leaves <= _MOST_COMPILED
+    clusters.considered = considered
+    compiled = COMPILED and n_leaves <= _MOST_COMPILED and considered is None
     merges = clusters.merged_compiled(pairs, borders) if compiled else _merge_all(clusters, pairs, borders)
     return Hierarchy(n_leaves, tuple(merges))
-
-
-def considered_merges(
-    solid: Solid,
-    leaves: Indices,
-    point_leaves: Indices,
-    colours: Array,
-    graph: SurfaceGraph,
-    costs: MergeCosts,
-) -> tuple[Hierarchy, Indices, Array]:
-    """What the weights of `MergeCosts` are found from: the hierarchy, with all pairs that might have been merged.
-
-    Args:
-        solid, leaves, point_leaves, colours, graph, costs: as of `build_hierarchy`.
-
-    Returns:
-        The hierarchy; (K, 2) clusters; (K, 6) terms of their log odds, see `MergeCosts.weights`.
-    """
-    clusters = _Remembered(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
-    count = clusters.next
-    merges = _merge_all(clusters, _touching(solid, leaves, count), _borders(graph, point_leaves, count))
-    return Hierarchy(count, tuple(merges)), np.concatenate(clusters.pairs), np.concatenate(clusters.known)
 
 
 def _touching(solid: Solid, leaves: Indices, count: int) -> Indices:

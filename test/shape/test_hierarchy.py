@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks import merge_odds
 from poise.shape.carving import carve
-from poise.shape.hierarchy import Hierarchy, MergeCosts, _extents, _moments, build_hierarchy, considered_merges
+from poise.shape.hierarchy import Hierarchy, MergeCosts, _extents, _moments, build_hierarchy
 from poise.shape.segmentation import segment
 from poise.shape.solid import Solid, part_moments
 from poise.shape.surface_graph import surface_graph
@@ -76,9 +76,11 @@ def test_the_merges_that_were_considered_are_those_of_the_hierarchy_and_their_te
     own = leaves[cKDTree(solid.centroids).query(solid.vertices)[1]]
     given, costs = (solid, leaves, own, colours, surface_graph(solid)), MergeCosts(least=0.0)
     expected = build_hierarchy(*given, costs)
-    found, pairs, terms = considered_merges(*given, costs)
+    considered: list[tuple[Array, Array]] = []
+    found = build_hierarchy(*given, costs, considered)
     assert [(m.left, m.right) for m in found.merges] == [(m.left, m.right) for m in expected.merges]
     shares = np.bincount(own, minlength=leaves.max() + 1) / len(own)
+    pairs, terms = (np.concatenate(column) for column in zip(*considered, strict=True))
     known = {(i, j): row for (i, j), row in zip(pairs.tolist(), terms, strict=True)}
     for merge in expected.merges[:5]:
         if max(merge.left, merge.right) <= leaves.max():
