@@ -67,6 +67,11 @@ class MergeCosts:
     one_colour: float = 1.0
     least: float = 0.01
 
+    @property
+    def weights(self) -> Array:
+        """(6,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both."""
+        return np.array([self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both])
+
 
 @dataclass(frozen=True)
 class Merge:
@@ -122,6 +127,7 @@ class _Clusters:
         noise: float,
         costs: MergeCosts,
     ) -> None:
+        self.considered: list[tuple[Array, Array]] | None = None
         self.costs, self._noise = costs, noise / np.sqrt(len(point_leaves))
         count = int(leaves.max()) + 1
         most = 2 * count - 1
@@ -158,19 +164,31 @@ class _Clusters:
 
     def merging(self, i: Indices, j: Indices) -> Array:
         """(K,) what merging clusters i and j (K,) costs."""
-        costs = self.costs
-        step, share = self._steps(i, j), self._inwards(i, j)
+        costs, terms = self.costs, self.terms(i, j)
+        odds = costs.constant + terms @ costs.weights
+        # What is too small to be a part, or of the same colour, merges before others do.
+        alike = np.where(terms[:, 1] < _ONE_COLOUR, costs.one_colour, 1.0)
+        haste = np.where(np.minimum(self._volume[i], self._volume[j]) < costs.least, _HASTE, alike)
+        return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
+
+    def terms(self, i: Indices, j: Indices) -> Array:
+        """(K, 6) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
         joined = _extents(self._moment[i] + self._moment[j])
         grown = np.log(joined / (_extents(self._moment[i]) + _extents(self._moment[j])))
         thick = self._volume[i] * self._area[j] / (self._volume[j] * self._area[i])
-        smaller = np.minimum(self._volume[i], self._volume[j])
-        odds = costs.constant + costs.concave * share + costs.colour * step + costs.spread * grown
-        odds += costs.thickness * np.minimum(np.abs(np.log(thick)), _THICKEST)
-        odds += costs.smaller * np.log(np.maximum(smaller, _SMALLEST))
-        odds += costs.both * np.log(self._volume[i] + self._volume[j])
-        # What is too small to be a part, or of the same colour, merges before others do.
-        haste = np.where(smaller < costs.least, _HASTE, np.where(step < _ONE_COLOUR, costs.one_colour, 1.0))
-        return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
+        smaller = np.maximum(np.minimum(self._volume[i], self._volume[j]), _SMALLEST)
+        columns = [
+            self._inwards(i, j),
+            self._steps(i, j),
+            grown,
+            np.minimum(np.abs(np.log(thick)), _THICKEST),
+            np.log(smaller),
+            np.log(self._volume[i] + self._volume[j]),
+        ]
+        found = np.stack(columns, axis=1)
+        if self.considered is not None:
+            self.considered.append((np.stack([i, j], axis=1), found))
+        return found
 
     def _steps(self, i: Indices, j: Indices) -> Array:
         """(K,) distances of colours, less what noise adds."""
@@ -232,6 +250,7 @@ def build_hierarchy(
     colours: Array,
     graph: SurfaceGraph,
     costs: MergeCosts,
+    considered: list[tuple[Array, Array]] | None = None,
 ) -> Hierarchy:
     """Merge clusters of tetrahedra, what likely is one part first, until nothing touches.
 
@@ -242,11 +261,14 @@ def build_hierarchy(
         colours: (V, 3) 0..1.
         graph: of the surface.
         costs: what keeps clusters apart.
+        considered: takes (K, 2) pairs that might be merged and (K, 6) terms of their log odds, see
+            `MergeCosts.weights`; then nothing is compiled.
     """
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
     pairs, borders = _touching(solid, leaves, n_leaves), _borders(graph, point_leaves, n_leaves)
-    compiled = COMPILED and n_leaves <= _MOST_COMPILED
+    clusters.considered = considered
+    compiled = COMPILED and n_leaves <= _MOST_COMPILED and considered is None
     merges = clusters.merged_compiled(pairs, borders) if compiled else _merge_all(clusters, pairs, borders)
     return Hierarchy(n_leaves, tuple(merges))
 

@@ -5,6 +5,7 @@ import pytest
 import shape_samples as samples
 from scipy.spatial import cKDTree
 
+from benchmarks import merge_odds
 from poise.shape.carving import carve
 from poise.shape.hierarchy import Hierarchy, MergeCosts, _extents, _moments, build_hierarchy
 from poise.shape.segmentation import segment
@@ -66,6 +67,38 @@ def test_merges_do_not_depend_on_frame_and_unit() -> None:
     one, other = merged(points, colours, leaves, solid), merged(moved, colours, leaves, solid)
     assert [(m.left, m.right) for m in one.merges] == [(m.left, m.right) for m in other.merges]
     np.testing.assert_allclose([m.cost for m in one.merges], [m.cost for m in other.merges], rtol=1e-6)
+
+
+def test_the_merges_that_were_considered_are_those_of_the_hierarchy_and_their_terms_are_its_costs() -> None:
+    points, colours, _ = samples.mallet(np.random.default_rng(2), 500)
+    solid = carve(points)
+    leaves = np.unique((solid.centroids // 0.02).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    own = leaves[cKDTree(solid.centroids).query(solid.vertices)[1]]
+    given, costs = (solid, leaves, own, colours, surface_graph(solid)), MergeCosts(least=0.0)
+    expected = build_hierarchy(*given, costs)
+    considered: list[tuple[Array, Array]] = []
+    found = build_hierarchy(*given, costs, considered)
+    assert [(m.left, m.right) for m in found.merges] == [(m.left, m.right) for m in expected.merges]
+    shares = np.bincount(own, minlength=leaves.max() + 1) / len(own)
+    pairs, terms = (np.concatenate(column) for column in zip(*considered, strict=True))
+    known = {(i, j): row for (i, j), row in zip(pairs.tolist(), terms, strict=True)}
+    for merge in expected.merges[:5]:
+        if max(merge.left, merge.right) <= leaves.max():
+            odds = costs.constant + known[merge.left, merge.right] @ costs.weights
+            cost = min(shares[merge.left], shares[merge.right]) * np.log1p(np.exp(odds))
+            assert merge.cost == pytest.approx(cost)
+
+
+def test_the_regression_of_merge_odds_finds_the_weights_that_labels_were_drawn_with() -> None:
+    rng, count = np.random.default_rng(4), 20_000
+    terms = np.insert(rng.normal(size=(count, 6)), 0, 1.0, axis=1)
+    true = np.array([-1.0, 2.0, 0.5, -0.3, 0.0, 1.0, -2.0])
+    apart = rng.random(count) < 1 / (1 + np.exp(-terms @ true))
+    drawn = merge_odds.Pairs(terms, apart, rng.uniform(0.5, 1.5, count), rng.integers(0, 50, count))
+    found, errors = merge_odds.fitted(drawn)
+    assert np.all(np.abs(found - true) < 4 * errors)
+    assert errors.max() < 0.1
+    assert merge_odds.loss(drawn, found) <= merge_odds.loss(drawn, true)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])

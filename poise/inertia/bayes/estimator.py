@@ -112,7 +112,7 @@ class PoiseEstimator:
         longest_delay: s between the clocks, either way; 0 when it is known to be `delay`.
         lag_step: s in which the motion hardly changes.
         delay: s, wrench stamps minus kinematics stamps, about which the delay is looked for.
-        shape_accuracy: relative error of lengths in the shape.
+        shape_accuracy: relative error of lengths in the shape; of one from a scan, of its thinnest extent.
         block: ns of samples that are kept, or left out, together.
         load_accuracy: share of the load by which sensor and kinematics may err for a second; 0 where the noise is all.
         averaged: use the average motion of each block only, because an accelerometer measures it.

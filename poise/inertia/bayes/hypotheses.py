@@ -37,9 +37,16 @@ The tail is thin because every case adds its square times its probability to the
 samples cannot distinguish the cases.
 """
 
-_UNEVEN, _CUT_FROM = np.array([0.4, 0.2]), 0.005
+_UNEVEN, _CUT_FROM = np.array([0.3, 0.5]), 0.005
 """Probabilities that parts have a core or layers of another material, where the parts are guesses: in a shape of this
-accuracy or worse, from a cloud or a mesh of one body. The parts of an accurate shape are bodies of their own."""
+accuracy or worse, from a cloud or a mesh of one body. The parts of an accurate shape are bodies of their own. With
+these the covariance of random objects that have hidden layers is as good as it was before `_LONG`."""
+
+_LONG = 0.5
+"""Error of long extents of such a shape over that of its thinnest, at the least. What moves the surface changes every
+extent by about the same length, which is a smaller share of a long one. On 320 clouds of random objects and 56 of
+tools, stretches of the thinnest axis, the next and the longest were off by 1.04, 0.69 and 0.52 times the accuracy
+(medians)."""
 
 _ANSWER_UNEVEN = 0.1
 """The same probability, of both together, for the answer itself: a shape with even parts is preferred to noise that
@@ -104,6 +111,12 @@ class Hypotheses:
         more = np.concatenate([np.zeros(self.state_variances.shape[1] - N_DEFORMATIONS), variances])
         return replace(self, state_variances=self.state_variances + more)
 
+    def known_along(self, factors: Array) -> "Hypotheses":
+        """The same with the variances of deformations times factors (9,), where the shape is that of the object."""
+        scaled = self.state_variances.copy()
+        scaled[~self.wrong_shape, -N_DEFORMATIONS:] *= factors
+        return replace(self, state_variances=scaled)
+
     def with_uneven_parts(self, variances: Array, chances: Array) -> "Hypotheses":
         """The same, and the cases of a shape as accurate as stated once more for each way in which parts are uneven.
 
@@ -152,14 +165,15 @@ def hypotheses_for_shape(model: MassModel, shape_accuracy: float, resolution: fl
 
     Args:
         model: of its parts.
-        shape_accuracy: relative error of lengths of the shape.
+        shape_accuracy: relative error of lengths of the shape; of a shape whose parts are guesses, of the thinnest.
         resolution: m, to which no length is known better.
         noise: says which bias to expect.
     """
-    cases = _cases(_densities(model), shape_accuracy, noise).rougher(model.roughness(resolution))
+    cases, roughness = _cases(_densities(model), shape_accuracy, noise), model.roughness(resolution)
     if shape_accuracy < _CUT_FROM:
-        return cases
-    return cases.with_uneven_parts(model.unevenness, _UNEVEN)
+        return cases.rougher(roughness)
+    known = cases.known_along(model.long_extents(_LONG)).rougher(roughness)
+    return known.with_uneven_parts(model.unevenness, _UNEVEN)
 
 
 def _densities(model: MassModel) -> tuple[tuple[tuple[float, ...], float], ...]:

@@ -96,6 +96,16 @@ class MassModel:
         stretches = (by_axis[UPPER[0]] + by_axis[UPPER[1]]) / 4
         return np.concatenate([stretches, by_axis])
 
+    def long_extents(self, least: float) -> Array:
+        """(9,) factors of the variances of deformations when long extents are known to a smaller share than thin ones.
+
+        The error of a stretch falls with the product of the radii of gyration of its two axes, from 1 for the thinnest
+        axis to `least` for one that is much longer. Those of shifts stay.
+        """
+        thinness = self.radii.min() / self.radii
+        stretches = least**2 + (1 - least**2) * thinness[UPPER[0]] * thinness[UPPER[1]]
+        return np.concatenate([stretches, np.ones(3)])
+
     @property
     def unevenness(self) -> Array:
         """(2, 9) variances of deformations when each part may have a core of another material, and when layers.
