@@ -24,10 +24,11 @@ struct lanes {
   const struct elastic *contacts;
   int64_t count;             /* of eights */
   int64_t *first;            /* (pairs + 1) first eight of each pair */
-  row_of_block *wrenches;    /* (count, 3, 6) */
+  row_of_block *arms;        /* (count, 3): moments of its unit forces about the other two, see `frames_of` */
   row_of_block *stiffness;   /* (count) */
   row_of_block *friction;    /* (count) */
   row_of_block *bounds;      /* (count) of friction, where it has any; otherwise NULL */
+  double *frames;            /* (pairs, 3, 3) directions of unit forces */
   double last[3 * SIDE + BEYOND]; /* wrenches of the last spring, so that rows can be read with what is beyond them */
 };
 
@@ -44,18 +45,31 @@ static POISE_INLINE const double *wrenches_of(const struct lanes *lanes, int64_t
   return p + 1 == contacts->springs[contacts->bodies.pairs] ? lanes->last : contacts->wrenches + 3 * SIDE * p;
 }
 
+/* Unit forces of all springs of a pair have the same three directions n, at right angles. Their moments m at a place are
+   B n1 - A n2, C n2 - B n0 and A n0 - C n1, where (C, A, B) is the place along the directions, or its opposite where
+   these are left-handed. */
+static POISE_INLINE double along(const double *moment, const double *direction) {
+  return moment[0] * direction[0] + moment[1] * direction[1] + moment[2] * direction[2];
+}
+
 static void fill_lanes(struct lanes *lanes, const double *bounds) {
   const struct elastic *contacts = lanes->contacts;
   const int64_t springs = contacts->springs[contacts->bodies.pairs];
   if (springs) memcpy(lanes->last, contacts->wrenches + 3 * SIDE * (springs - 1), 3 * SIDE * sizeof(double));
-  memset(lanes->wrenches, 0, sizeof(row_of_block) * (size_t)(lanes->count * (3 * SIDE + 3)));
+  memset(lanes->arms, 0, sizeof(row_of_block) * (size_t)(lanes->count * 6));
   int64_t eight = 0;
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     lanes->first[pair] = eight;
-    for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; eight++)
-      for (int lane = 0; lane < WIDTH && p < contacts->springs[pair + 1]; lane++, p++) {
-        for (int i = 0; i < 3 * SIDE; i++)
-          lanes->wrenches[3 * SIDE * eight + i][lane] = contacts->wrenches[3 * SIDE * p + i];
+    const int64_t first = contacts->springs[pair], last = contacts->springs[pair + 1];
+    double *frame = lanes->frames + 9 * pair;
+    for (int i = 0; i < 9 && first < last; i++) frame[i] = contacts->wrenches[3 * SIDE * first + SIDE * (i / 3) + i % 3];
+    for (int64_t p = first; p < last; eight++)
+      for (int lane = 0; lane < WIDTH; lane++, p++) { /* what fills up the last eight moves as the last spring does */
+        const double *moments = contacts->wrenches + 3 * SIDE * (p < last ? p : last - 1) + 3;
+        lanes->arms[3 * eight][lane] = -along(moments, frame + 6);
+        lanes->arms[3 * eight + 1][lane] = along(moments, frame + 3);
+        lanes->arms[3 * eight + 2][lane] = along(moments + SIDE, frame + 6);
+        if (p >= last) continue;
         lanes->stiffness[eight][lane] = contacts->stiffness[p];
         lanes->friction[eight][lane] = contacts->friction[p];
         if (bounds) lanes->bounds[eight][lane] = bounds[p];
@@ -69,13 +83,18 @@ static void fill_lanes(struct lanes *lanes, const double *bounds) {
 POISE_WIDE static void spring_motions(const struct lanes *lanes, const double *u, row_of_block *restrict out) {
   const struct bodies *bodies = &lanes->contacts->bodies;
   for (int64_t pair = 0; pair < bodies->pairs; pair++) {
-    double motion[SIDE];
+    const double *frame = lanes->frames + 9 * pair;
+    double motion[SIDE], v[3], w[3];
     relative_motion(bodies, pair, u, motion);
-    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row++) {
-      const row_of_block *wrench = lanes->wrenches + SIDE * row;
-      row_of_block sum = wrench[0] * motion[0];
-      for (int i = 1; i < SIDE; i++) sum += wrench[i] * motion[i];
-      out[row] = sum;
+    for (int i = 0; i < 3; i++) {
+      v[i] = along(motion, frame + 3 * i);
+      w[i] = along(motion + 3, frame + 3 * i);
+    }
+    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row += 3) {
+      const row_of_block *arms = lanes->arms + row;
+      out[row] = v[0] + (arms[1] * w[1] - arms[0] * w[2]);
+      out[row + 1] = v[1] + (arms[2] * w[2] - arms[1] * w[0]);
+      out[row + 2] = v[2] + (arms[0] * w[0] - arms[2] * w[1]);
     }
   }
 }
@@ -127,22 +146,25 @@ POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, con
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     if (!acts(lanes, pair, relative)) continue;
-    row_of_block parts[3] = {{0.0}}, found[3];
-    double wrench[WIDTH];
-    int64_t p = contacts->springs[pair];
+    row_of_block parts[SIDE] = {{0.0}}, force[3];
     for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      double force[3][WIDTH];
-      spring_forces(lanes, eight, relative + 3 * eight, found);
-      memcpy(force, found, sizeof force);
-      for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++)
-        for (int i = 0; i < 3; i++) {
-          row_of_block row;
-          read_row(wrenches_of(lanes, p) + SIDE * i, &row);
-          parts[i] -= force[i][l] * row;
-        }
+      const row_of_block *arms = lanes->arms + 3 * eight;
+      spring_forces(lanes, eight, relative + 3 * eight, force);
+      for (int i = 0; i < 3; i++) parts[i] += force[i];
+      parts[3] += arms[0] * force[2] - arms[1] * force[1];
+      parts[4] += arms[1] * force[0] - arms[2] * force[2];
+      parts[5] += arms[2] * force[1] - arms[0] * force[0];
     }
-    parts[0] += parts[1] + parts[2];
-    memcpy(wrench, parts, sizeof wrench);
+    double lane[SIDE][WIDTH], sum[SIDE], wrench[SIDE];
+    memcpy(lane, parts, sizeof lane);
+    for (int i = 0; i < SIDE; i++)
+      sum[i] = ((lane[i][0] + lane[i][1]) + (lane[i][2] + lane[i][3])) +
+               ((lane[i][4] + lane[i][5]) + (lane[i][6] + lane[i][7]));
+    const double *frame = lanes->frames + 9 * pair;
+    for (int j = 0; j < SIDE; j++) {
+      const double *part = sum + j / 3 * 3, *axis = frame + j % 3;
+      wrench[j] = -(part[0] * axis[0] + part[1] * axis[3] + part[2] * axis[6]);
+    }
     add_wrench(&contacts->bodies, pair, wrench, out);
   }
 }
@@ -237,16 +259,16 @@ struct steps {
 
 static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
   const int64_t size = SIDE * contacts->bodies.count, eights = lanes_of(contacts);
-  const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (3 * SIDE + 3 + 9);
+  const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (6 + 9);
   const int64_t whole = 7 * contacts->bodies.count + contacts->bodies.pairs + 1, pairs = contacts->bodies.pairs;
-  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 6 * size + WIDTH));
+  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 6 * size + 9 * contacts->bodies.pairs + WIDTH));
   made->whole = malloc(sizeof(int64_t) * (size_t)(whole + fill_room(&contacts->bodies)) + 2 * (size_t)pairs);
   if (!made->room || !made->whole) return POISE_NO_MEMORY;
   made->matrix = bodies_laid_out(&contacts->bodies, 0, made->room, made->whole);
   made->lanes = (struct lanes){.contacts = contacts, .count = eights};
   made->lanes.first = made->whole + 7 * contacts->bodies.count;
-  made->lanes.wrenches = made->matrix.right + 2 * contacts->bodies.count;
-  made->lanes.stiffness = made->lanes.wrenches + 3 * SIDE * eights;
+  made->lanes.arms = made->matrix.right + 2 * contacts->bodies.count;
+  made->lanes.stiffness = made->lanes.arms + 3 * eights;
   made->lanes.friction = made->lanes.stiffness + eights;
   made->lanes.bounds = made->lanes.friction + eights;
   made->relative = made->lanes.bounds + eights;
@@ -257,6 +279,7 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   made->along = made->step + size;
   made->there_u = made->along + size;
   made->turned = made->there_u + size;
+  made->lanes.frames = made->turned + 2 * size;
   made->fill = fill_laid_out(&contacts->bodies, made->whole + whole);
   made->coupled = (char *)(made->whole + whole + fill_room(&contacts->bodies));
   made->before = made->coupled + pairs;
@@ -306,9 +329,20 @@ static void place_at(const struct steps *made, const double *u) {
     for (int l = 0; l < WIDTH; l++) made->relative[3 * eight][l] += made->lanes.contacts->slack;
 }
 
-static double dot(const double *a, const double *b, int64_t count) {
-  double sum = 0.0;
-  for (int64_t i = 0; i < count; i++) sum += a[i] * b[i];
+/* Eight sums side by side, so that none waits for the one before. */
+POISE_WIDE static double dot(const double *a, const double *b, int64_t count) {
+  row_of_block sums = {0.0};
+  double lane[WIDTH], sum = 0.0;
+  int64_t i = 0;
+  for (; i + WIDTH <= count; i += WIDTH) {
+    row_of_block one, other;
+    read_row(a + i, &one);
+    read_row(b + i, &other);
+    sums += one * other;
+  }
+  memcpy(lane, &sums, sizeof lane);
+  for (; i < count; i++) sum += a[i] * b[i];
+  for (int l = 0; l < WIDTH; l++) sum += lane[l];
   return sum;
 }
 
@@ -332,7 +366,7 @@ static double merit_at(const struct lanes *lanes, struct aim *aim, const double 
   return sqrt(dot(rest, rest, size));
 }
 
-static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
+POISE_WIDE static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
   const int64_t size = SIDE * made->lanes.contacts->bodies.count;
   for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
   for (int64_t i = 0; i < 3 * made->lanes.count; i++) made->there[i] = made->relative[i] + length * made->moved[i];

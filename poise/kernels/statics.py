@@ -107,7 +107,8 @@ class CompiledElastic:
     Args:
         bodies: of the block.
         springs: (I + 1,) first spring of each pair.
-        wrenches: (P, 3, 6) of unit forces on the second body.
+        wrenches: (P, 3, 6) of unit forces on the second body, along the same three directions, which are at right
+            angles, for all springs of a pair.
         stiffness, friction: (P,).
         catch, slack: stiffness that holds every body; by how much nothing presses.
 
