@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 7
+_VERSION = 8
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -66,6 +66,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_pockets": (None, [_POINTER]),
     "poise_match": (_INT, [_POINTER]),
     "poise_merge": (_INT, [_POINTER]),
+    "poise_first_slips": (None, [_POINTER, _INT, *[_POINTER] * 3]),
 }
 
 
