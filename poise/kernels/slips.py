@@ -19,14 +19,16 @@ class _Patch(ctypes.Structure):
     ]
 
 
-def first_slips(ways: Array, top: Array, rest: Array, table: Array, motions: Array, **numbers: float) -> Array:
+def first_slips(
+    ways: Array, top: Array, rest: Array, table: Array, motions: Array, numbers: tuple[float, ...]
+) -> Array:
     """(Q,) as `poise.assembly.statics.single_patch.SinglePatch._first_slip`; needs `COMPILED`.
 
     Args:
         ways: (6, Q) from the load at rest. top: (Q,). rest: (6,) load at rest.
         table: (T, T) normal force that friction needs, by azimuth and elevation of the load; NaN is filled in.
         motions: (D, 3) of unit dissipation, of which that force is the largest power.
-        numbers: radius, size, handed, friction, weight.
+        numbers: radius and size of the patch, whether its axes are right-handed (1, otherwise -1), friction, weight.
 
     Raises:
         InputError: TYPE_MISMATCH for arrays of other shapes.
@@ -38,6 +40,6 @@ def first_slips(ways: Array, top: Array, rest: Array, table: Array, motions: Arr
         contiguous(table, side, side, what="the table of friction"),
         contiguous(motions, -1, 3, what="motions"),
     )
-    patch, end = _Patch(*map(address, kept), side, len(motions), **numbers), np.empty(count)
+    patch, end = _Patch(*map(address, kept), side, len(motions), *numbers), np.empty(count)
     library.poise_first_slips(ctypes.addressof(patch), count, *map(address, given), address(end))
     return end

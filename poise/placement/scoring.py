@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from poise.assembly import Analysis, robustness_map
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness import CHECKED_WEIGHTS

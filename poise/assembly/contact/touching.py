@@ -179,7 +179,7 @@ def _on_facet(
     marked = np.zeros((2, len(body.vertices)), dtype=bool)
     marked[0, list(height)] = True
     marked[1, list(covered)] = True
-    ends_high, ends_covered = marked[:, body.edges[edges]].all(axis=2)
+    ends_high, ends_covered = (each[body.edges[edges]].all(axis=1) for each in marked)
     open_edges = edges[ends_high & ~ends_covered]
     if base.polyhedron.convex:
         high = np.array(sorted(height))

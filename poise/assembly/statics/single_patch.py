@@ -137,7 +137,7 @@ class SinglePatch:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none; demand (6, Q)."""
         end, way = top.copy(), demand - self._rest[:, None]
         if COMPILED and len(top) > _FEW:
-            return first_slips(way, top, self._rest, *self._friction.surface.for_kernel, **self._numbers)
+            return first_slips(way, top, self._rest, *self._friction.surface.for_kernel, self._numbers)
         found = self._bracketed if len(top) > _FEW else self._bracketed_at_once
         rows, low, high, f_high = found(way, top)
         if len(rows):
@@ -146,11 +146,10 @@ class SinglePatch:
         return end
 
     @cached_property
-    def _numbers(self) -> dict[str, float]:
+    def _numbers(self) -> tuple[float, ...]:
         """As the kernel takes them."""
         friction = self._friction
-        named = {"radius": friction.surface.radius, "size": friction.size, "handed": self._handed}
-        return named | {"friction": self._mu, "weight": self._weight}
+        return friction.surface.radius, friction.size, self._handed, self._mu, self._weight
 
     def _bracketed_at_once(self, way: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
         """As `_bracketed`, of few loads: all steps in one array operation."""
