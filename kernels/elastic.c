@@ -28,6 +28,7 @@ struct lanes {
   row_of_block *stiffness;   /* (count) */
   row_of_block *friction;    /* (count) */
   row_of_block *bounds;      /* (count) of friction, where it has any; otherwise NULL */
+  row_of_block *room;        /* (count) for these */
   double *frames;            /* (pairs, 3, 3) directions of unit forces */
   double last[3 * SIDE + BEYOND]; /* wrenches of the last spring, so that rows can be read with what is beyond them */
 };
@@ -52,7 +53,7 @@ static POISE_INLINE double along(const double *moment, const double *direction) 
   return moment[0] * direction[0] + moment[1] * direction[1] + moment[2] * direction[2];
 }
 
-static void fill_lanes(struct lanes *lanes, const double *bounds) {
+static void fill_lanes(struct lanes *lanes) {
   const struct elastic *contacts = lanes->contacts;
   const int64_t springs = contacts->springs[contacts->bodies.pairs];
   if (springs) memcpy(lanes->last, contacts->wrenches + 3 * SIDE * (springs - 1), 3 * SIDE * sizeof(double));
@@ -72,11 +73,21 @@ static void fill_lanes(struct lanes *lanes, const double *bounds) {
         if (p >= last) continue;
         lanes->stiffness[eight][lane] = contacts->stiffness[p];
         lanes->friction[eight][lane] = contacts->friction[p];
-        if (bounds) lanes->bounds[eight][lane] = bounds[p];
       }
   }
   lanes->first[contacts->bodies.pairs] = eight;
-  if (!bounds) lanes->bounds = NULL;
+}
+
+/* Limit friction by bounds of each spring, or where there are none, by Coulomb's law. */
+static void bound_friction(struct lanes *lanes, const double *bounds) {
+  const struct elastic *contacts = lanes->contacts;
+  lanes->bounds = bounds ? lanes->room : NULL;
+  for (int64_t pair = 0; bounds && pair < contacts->bodies.pairs; pair++) {
+    int64_t p = contacts->springs[pair];
+    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++)
+      for (int lane = 0; lane < WIDTH; lane++, p++)
+        lanes->bounds[eight][lane] = p < contacts->springs[pair + 1] ? bounds[p] : 0.0;
+  }
 }
 
 /* out (count, 3) = motion of the second body relative to the first at each spring */
@@ -257,7 +268,7 @@ struct steps {
   char *coupled, *before;     /* (pairs) whose stiffness counts, now and for the fill */
 };
 
-static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
+static int make_room(const struct elastic *contacts, struct steps *made) {
   const int64_t size = SIDE * contacts->bodies.count, eights = lanes_of(contacts);
   const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (6 + 9);
   const int64_t whole = 7 * contacts->bodies.count + contacts->bodies.pairs + 1, pairs = contacts->bodies.pairs;
@@ -270,8 +281,8 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   made->lanes.arms = made->matrix.right + 2 * contacts->bodies.count;
   made->lanes.stiffness = made->lanes.arms + 3 * eights;
   made->lanes.friction = made->lanes.stiffness + eights;
-  made->lanes.bounds = made->lanes.friction + eights;
-  made->relative = made->lanes.bounds + eights;
+  made->lanes.room = made->lanes.friction + eights;
+  made->relative = made->lanes.room + eights;
   made->moved = made->relative + 3 * eights;
   made->there = made->moved + 3 * eights;
   made->rest = (double *)(made->there + 3 * eights);
@@ -284,7 +295,7 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   made->coupled = (char *)(made->whole + whole + fill_room(&contacts->bodies));
   made->before = made->coupled + pairs;
   made->order = NULL;
-  fill_lanes(&made->lanes, bounds);
+  fill_lanes(&made->lanes);
   return POISE_OK;
 }
 
@@ -456,20 +467,28 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
 
 static double end_of(double time) { return time < 0.0 ? INFINITY : elastic_clock() + time; }
 
-struct steps *elastic_room(const struct elastic *contacts) {
-  struct steps *made = calloc(1, sizeof *made);
-  if (made && make_room(contacts, NULL, made)) {
-    elastic_free(made);
-    return NULL;
-  }
-  return made;
+const struct elastic *elastic_contacts(const struct steps *made) { return made->lanes.contacts; }
+
+void elastic_begin(struct steps *made, const double *bounds) {
+  made->order = NULL; /* so that answers do not depend on what was asked before */
+  bound_friction(&made->lanes, bounds);
 }
 
-void elastic_free(struct steps *made) {
+POISE_EXPORT void poise_elastic_free(struct steps *made) {
   if (!made) return;
   free(made->room);
   free(made->whole);
   free(made);
+}
+
+/* Room for questions about contacts, which stay where they are; one at a time. NULL without memory. */
+POISE_EXPORT struct steps *poise_elastic_new(const struct elastic *contacts) {
+  struct steps *made = calloc(1, sizeof *made);
+  if (made && make_room(contacts, made)) {
+    poise_elastic_free(made);
+    return NULL;
+  }
+  return made;
 }
 
 struct reached elastic_reach(struct steps *made, const double *load, const double *push, double enough, int64_t steps,
@@ -505,48 +524,33 @@ void elastic_left(struct steps *made, const double *u, const double *load, doubl
 }
 
 /* u (6 n) moves by damped Newton steps that lessen what is left, or the energy where friction has bounds (springs).
-   Bodies in the order of elimination. `time` is negative without a deadline. Returns a status; `taken` steps. */
-POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const double *load, const double *bounds,
-                                           double enough, int64_t steps, double time, double *u, int64_t *taken) {
-  struct steps made = {0};
+   Bodies in the order of elimination. `time` is negative without a deadline. `taken` steps. */
+POISE_EXPORT void poise_elastic_descend(struct steps *made, const double *load, const double *bounds, double enough,
+                                        int64_t steps, double time, double *u, int64_t *taken) {
   struct aim aim = {.load = load};
   double value;
-  int status = make_room(contacts, bounds, &made);
-  if (!status) newton(&aim, &made, enough, steps, end_of(time), u, &value, taken);
-  free(made.room);
-  free(made.whole);
-  return status;
+  elastic_begin(made, bounds);
+  newton(&aim, made, enough, steps, end_of(time), u, &value, taken);
 }
 
 /* u (6 n), of which the power of the push (6 n) does not change, becomes an equilibrium under load + factor push.
    `found` (3) is the factor, the size of what is left, and the power of the push on the change of u by it. */
-POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const double *load, const double *push,
-                                         double enough, int64_t steps, double time, double *u, double *found,
-                                         int64_t *taken) {
-  struct steps *made = elastic_room(contacts);
-  if (!made) return POISE_NO_MEMORY;
+POISE_EXPORT void poise_elastic_reach(struct steps *made, const double *load, const double *push, double enough,
+                                      int64_t steps, double time, double *u, double *found, int64_t *taken) {
+  elastic_begin(made, NULL);
   const struct reached at = elastic_reach(made, load, push, enough, steps, end_of(time), u);
   memcpy(found, (double[]){at.factor, at.left, at.compliance}, 3 * sizeof(double));
   *taken = at.steps;
-  elastic_free(made);
-  return POISE_OK;
 }
 
 /* u (6 n) becomes the change under a small push (6 n) at a displacement u; without `at`, nothing opens or slips. */
-POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, const double *at, const double *push,
-                                            double *u) {
-  struct steps *made = elastic_room(contacts);
-  const int status = made ? elastic_response(made, at, push, u) : POISE_NO_MEMORY;
-  elastic_free(made);
-  return status;
+POISE_EXPORT int64_t poise_elastic_response(struct steps *made, const double *at, const double *push, double *u) {
+  elastic_begin(made, NULL);
+  return elastic_response(made, at, push, u);
 }
 
 /* What springs and catch leave of a load, negated, (6 n). */
-POISE_EXPORT int64_t poise_elastic_left(const struct elastic *contacts, const double *u, const double *load,
-                                        double *out) {
-  struct steps *made = elastic_room(contacts);
-  if (!made) return POISE_NO_MEMORY;
+POISE_EXPORT void poise_elastic_left(struct steps *made, const double *u, const double *load, double *out) {
+  elastic_begin(made, NULL);
   elastic_left(made, u, load, out);
-  elastic_free(made);
-  return POISE_OK;
 }
