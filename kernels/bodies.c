@@ -71,8 +71,8 @@ static POISE_INLINE int factor_block(row_of_block *a, int64_t *exchanges) {
   return POISE_OK;
 }
 
-/* Rows of b become T^-1 b: T is the lower triangle of t, or if `turned`, the upper one transposed. `back`: one over each
-   number on its diagonal; NULL: these are ones. */
+/* Rows of b become T^-1 b: T is the lower triangle of t, or if `turned`, the upper one transposed. `back`: one over
+   each number on its diagonal; NULL: these are ones. */
 static POISE_INLINE void divide(row_of_block *restrict b, const row_of_block *restrict t, int turned,
                                 const double *back) {
   row_of_block rows[SIDE];

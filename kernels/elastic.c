@@ -46,9 +46,9 @@ static POISE_INLINE const double *wrenches_of(const struct lanes *lanes, int64_t
   return p + 1 == contacts->springs[contacts->bodies.pairs] ? lanes->last : contacts->wrenches + 3 * SIDE * p;
 }
 
-/* Unit forces of all springs of a pair have the same three directions n, at right angles. Their moments m at a place are
-   B n1 - A n2, C n2 - B n0 and A n0 - C n1, where (C, A, B) is the place along the directions, or its opposite where
-   these are left-handed. */
+/* Unit forces of all springs of a pair have the same three directions n, at right angles. Their moments m at a place
+   are B n1 - A n2, C n2 - B n0 and A n0 - C n1, where (C, A, B) is the place along the directions, or its opposite
+   where these are left-handed. */
 static POISE_INLINE double along(const double *moment, const double *direction) {
   return moment[0] * direction[0] + moment[1] * direction[1] + moment[2] * direction[2];
 }
@@ -62,8 +62,9 @@ static void fill_lanes(struct lanes *lanes) {
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     lanes->first[pair] = eight;
     const int64_t first = contacts->springs[pair], last = contacts->springs[pair + 1];
+    const double *forces = contacts->wrenches + 3 * SIDE * first;
     double *frame = lanes->frames + 9 * pair;
-    for (int i = 0; i < 9 && first < last; i++) frame[i] = contacts->wrenches[3 * SIDE * first + SIDE * (i / 3) + i % 3];
+    for (int i = 0; i < 9 && first < last; i++) frame[i] = forces[SIDE * (i / 3) + i % 3];
     for (int64_t p = first; p < last; eight++)
       for (int lane = 0; lane < WIDTH; lane++, p++) { /* what fills up the last eight moves as the last spring does */
         const double *moments = contacts->wrenches + 3 * SIDE * (p < last ? p : last - 1) + 3;

@@ -74,9 +74,9 @@ POISE_WIDE static int eliminate_all(const struct bodies *bodies, struct fill *fi
   return 1;
 }
 
-/* Columns in another order of the same fill: each right after those that it takes from, so that what is read and written
-   next is near. `before` are the first blocks of the columns, and `fill->rows` the bodies of these, as eliminated. Rows
-   become positions, ascending in each column. */
+/* Columns in another order of the same fill: each right after those that it takes from, so that what is read and
+   written next is near. `before` are the first blocks of the columns, and `fill->rows` the bodies of these, as
+   eliminated. Rows become positions, ascending in each column. */
 static void put_in_order(struct fill *fill, int64_t *starts, int64_t *rows, int64_t words) {
   const int64_t count = fill->bodies.count, *before = fill->before;
   int64_t *ends = fill->keys, *place = fill->sizes; /* of what is left below each column; of each column, in the end */

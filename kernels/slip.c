@@ -12,7 +12,7 @@ enum { COARSE = 8, FINE = 9, PARTS = 6 };
    normal, all about its centroid. */
 struct patch {
   const double *rest;  /* (6) */
-  double *table; /* (side, side) normal force that unit loads of friction need, by azimuth and elevation; NaN: not yet */
+  double *table; /* (side, side) normal force that unit loads of friction need, by azimuth and elevation; NaN: unknown */
   const double *motions; /* (count, 3) of unit dissipation: that force is the largest power on one */
   int64_t side, count;
   double radius, size, handed, friction, weight;
