@@ -31,16 +31,6 @@ void bodies_clear(const struct bodies *bodies, struct body_matrix *matrix, doubl
     for (int i = 0; i < SIDE; i++) matrix->diagonal[SIDE * body + i][i] = on_diagonal;
 }
 
-/* out -= a^T b */
-static POISE_INLINE void subtract_product(row_of_block *restrict out, const row_of_block *restrict a,
-                                          const row_of_block *restrict b) {
-  row_of_block rows[SIDE];
-  for (int i = 0; i < SIDE; i++) rows[i] = out[i];
-  for (int k = 0; k < SIDE; k++)
-    for (int i = 0; i < SIDE; i++) rows[i] -= a[k][i] * b[k];
-  for (int i = 0; i < SIDE; i++) out[i] = rows[i];
-}
-
 /* The diagonal block becomes its lower factor. */
 static POISE_INLINE int factor_symmetric_block(row_of_block *a) {
   for (int j = 0; j < SIDE; j++) {
@@ -81,55 +71,136 @@ static POISE_INLINE int factor_block(row_of_block *a, int64_t *exchanges) {
   return POISE_OK;
 }
 
-/* Rows of b become T^-1 b: T is the lower triangle of t with ones on its diagonal, or if `turned`, the upper one
-   transposed, or if `plain` is 0, the lower one as it is. */
-static POISE_INLINE void divide(row_of_block *restrict b, const row_of_block *restrict t, int turned, int plain) {
+/* Rows of b become T^-1 b: T is the lower triangle of t, or if `turned`, the upper one transposed. `back`: one over
+   each number on its diagonal; NULL: these are ones. */
+static POISE_INLINE void divide(row_of_block *restrict b, const row_of_block *restrict t, int turned,
+                                const double *back) {
   row_of_block rows[SIDE];
   for (int j = 0; j < SIDE; j++) {
     rows[j] = b[j];
     for (int k = 0; k < j; k++) rows[j] -= (turned ? t[k][j] : t[j][k]) * rows[k];
-    if (!plain) rows[j] *= 1.0 / t[j][j];
+    if (back) rows[j] *= back[j];
   }
   for (int j = 0; j < SIDE; j++) b[j] = rows[j];
 }
 
-/* Take what column k contributes from the columns after it. */
-static POISE_INLINE void eliminate(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
-  const int64_t first = bodies->starts[k], last = bodies->starts[k + 1];
-  const row_of_block *right = matrix->upper ? matrix->upper : matrix->lower;
-  for (int64_t b = first; b < last; b++) {
-    const int64_t column = bodies->rows[b];
-    for (int64_t c = bodies->starts[column]; c < bodies->starts[column + 1]; c++) matrix->where[bodies->rows[c]] = c;
-    subtract_product(matrix->diagonal + SIDE * column, matrix->lower + SIDE * b, right + SIDE * b);
-    for (int64_t a = b + 1; a < last; a++) {
-      const int64_t at = matrix->where[bodies->rows[a]];
-      subtract_product(matrix->lower + SIDE * at, right + SIDE * b, matrix->lower + SIDE * a);
-      if (matrix->upper)
-        subtract_product(matrix->upper + SIDE * at, matrix->lower + SIDE * b, matrix->upper + SIDE * a);
-    }
+/* Columns one after the other that have the same blocks below the last of them: what they contribute to a block after
+   them is taken at once, so that it is read and written once. */
+enum { ALIKE = 8 };
+struct columns {
+  int64_t first, count;   /* of them */
+  int64_t blocks[ALIKE];  /* of each the first block below the last column */
+  int64_t below;          /* number of these blocks */
+};
+
+static struct columns columns_from(const struct bodies *bodies, int64_t k) {
+  struct columns alike = {.first = k, .count = 1};
+  const int64_t *starts = bodies->starts;
+  for (int64_t last = k; alike.count < ALIKE && last + 1 < bodies->count; last++, alike.count++) {
+    const int64_t below = starts[last + 1] - starts[last];
+    if (!below || bodies->rows[starts[last]] != last + 1 || starts[last + 2] - starts[last + 1] != below - 1) break;
+  }
+  for (int64_t c = 0; c < alike.count; c++) alike.blocks[c] = starts[k + c] + alike.count - 1 - c;
+  alike.below = starts[k + alike.count] - alike.blocks[alike.count - 1];
+  return alike;
+}
+
+/* out -= sum of a^T b over the columns, where a is block number `left` below them and b number `right`. */
+static POISE_INLINE void take_one(const struct columns *alike, const row_of_block *restrict a,
+                                  const row_of_block *restrict b, int64_t left, int64_t right,
+                                  row_of_block *restrict out) {
+  row_of_block rows[SIDE];
+  for (int i = 0; i < SIDE; i++) rows[i] = out[i];
+  for (int64_t c = 0; c < alike->count; c++) {
+    const row_of_block *one = a + SIDE * (alike->blocks[c] + left), *other = b + SIDE * (alike->blocks[c] + right);
+#pragma GCC unroll 1
+    for (int k = 0; k < SIDE; k++)
+      for (int i = 0; i < SIDE; i++) rows[i] -= one[k][i] * other[k];
+  }
+  for (int i = 0; i < SIDE; i++) out[i] = rows[i];
+}
+
+/* The same of two blocks, with b number `right` and the one after it. */
+static POISE_INLINE void take_two(const struct columns *alike, const row_of_block *restrict a,
+                                  const row_of_block *restrict b, int64_t left, int64_t right,
+                                  row_of_block *restrict out, row_of_block *restrict next) {
+  row_of_block rows[2][SIDE];
+  for (int i = 0; i < SIDE; i++) {
+    rows[0][i] = out[i];
+    rows[1][i] = next[i];
+  }
+  for (int64_t c = 0; c < alike->count; c++) {
+    const row_of_block *one = a + SIDE * (alike->blocks[c] + left), *other = b + SIDE * (alike->blocks[c] + right);
+#pragma GCC unroll 1
+    for (int k = 0; k < SIDE; k++)
+      for (int i = 0; i < SIDE; i++) {
+        rows[0][i] -= one[k][i] * other[k];
+        rows[1][i] -= one[k][i] * other[SIDE + k];
+      }
+  }
+  for (int i = 0; i < SIDE; i++) {
+    out[i] = rows[0][i];
+    next[i] = rows[1][i];
   }
 }
 
+/* Take what columns contribute to blocks number `left` of their rows, with those after it, in `into`. */
+static POISE_INLINE void take_after(const struct bodies *bodies, const int64_t *where, const struct columns *alike,
+                                    const row_of_block *a, const row_of_block *b, int64_t left, row_of_block *into) {
+  const int64_t *rows = bodies->rows + alike->blocks[0];
+  int64_t right = left + 1;
+  for (; right + 1 < alike->below; right += 2)
+    take_two(alike, a, b, left, right, into + SIDE * where[rows[right]], into + SIDE * where[rows[right + 1]]);
+  if (right < alike->below) take_one(alike, a, b, left, right, into + SIDE * where[rows[right]]);
+}
+
+/* Take what columns contribute from those after them; only from the first `most`. */
+static POISE_INLINE void eliminate(const struct bodies *bodies, struct body_matrix *matrix, const struct columns *alike,
+                                   int64_t most) {
+  const row_of_block *right = matrix->upper ? matrix->upper : matrix->lower;
+  for (int64_t left = 0; left < most; left++) {
+    const int64_t column = bodies->rows[alike->blocks[0] + left];
+    for (int64_t c = bodies->starts[column]; c < bodies->starts[column + 1]; c++) matrix->where[bodies->rows[c]] = c;
+    take_one(alike, matrix->lower, right, left, left, matrix->diagonal + SIDE * column);
+    take_after(bodies, matrix->where, alike, right, matrix->lower, left, matrix->lower);
+    if (matrix->upper) take_after(bodies, matrix->where, alike, matrix->lower, right, left, matrix->upper);
+  }
+}
+
+/* Factor the diagonal block of a column, and divide those below it. */
+static POISE_INLINE int factor_column(const struct bodies *bodies, struct body_matrix *matrix, int64_t k) {
+  row_of_block *pivot = matrix->diagonal + SIDE * k;
+  int64_t *exchanges = matrix->exchanges + SIDE * k;
+  const int status = matrix->upper ? factor_block(pivot, exchanges) : factor_symmetric_block(pivot);
+  double back[SIDE];
+  for (int i = 0; i < SIDE; i++) back[i] = 1.0 / pivot[i][i];
+  for (int64_t b = bodies->starts[k]; !status && b < bodies->starts[k + 1]; b++) {
+    if (matrix->upper) {
+      row_of_block *above = matrix->upper + SIDE * b;
+      for (int i = 0; i < SIDE; i++) {
+        const row_of_block other = above[i];
+        above[i] = above[exchanges[i]];
+        above[exchanges[i]] = other;
+      }
+      divide(matrix->lower + SIDE * b, pivot, 1, back);
+      divide(above, pivot, 0, NULL);
+    } else
+      divide(matrix->lower + SIDE * b, pivot, 0, back);
+  }
+  return status;
+}
+
 POISE_WIDE int bodies_factor(const struct bodies *bodies, struct body_matrix *matrix) {
-  for (int64_t k = 0; k < bodies->count; k++) {
-    row_of_block *pivot = matrix->diagonal + SIDE * k;
-    int64_t *exchanges = matrix->exchanges + SIDE * k;
-    const int status = matrix->upper ? factor_block(pivot, exchanges) : factor_symmetric_block(pivot);
-    if (status) return status;
-    for (int64_t b = bodies->starts[k]; b < bodies->starts[k + 1]; b++) {
-      if (matrix->upper) {
-        row_of_block *above = matrix->upper + SIDE * b;
-        for (int i = 0; i < SIDE; i++) {
-          const row_of_block other = above[i];
-          above[i] = above[exchanges[i]];
-          above[exchanges[i]] = other;
-        }
-        divide(matrix->lower + SIDE * b, pivot, 1, 0);
-        divide(above, pivot, 0, 1);
-      } else
-        divide(matrix->lower + SIDE * b, pivot, 0, 0);
+  for (int64_t k = 0; k < bodies->count;) {
+    const struct columns alike = columns_from(bodies, k);
+    for (const int64_t last = k + alike.count - 1; k <= last; k++) {
+      const int status = factor_column(bodies, matrix, k);
+      if (status) return status;
+      const int64_t first = bodies->starts[k];
+      const struct columns one = {.first = k, .count = 1, .blocks = {first}, .below = bodies->starts[k + 1] - first};
+      eliminate(bodies, matrix, &one, last - k);
     }
-    eliminate(bodies, matrix, k);
+    eliminate(bodies, matrix, &alike, alike.below);
   }
   return POISE_OK;
 }

@@ -24,10 +24,12 @@ struct lanes {
   const struct elastic *contacts;
   int64_t count;             /* of eights */
   int64_t *first;            /* (pairs + 1) first eight of each pair */
-  row_of_block *wrenches;    /* (count, 3, 6) */
+  row_of_block *arms;        /* (count, 3): moments of its unit forces about the other two, see `frames_of` */
   row_of_block *stiffness;   /* (count) */
   row_of_block *friction;    /* (count) */
   row_of_block *bounds;      /* (count) of friction, where it has any; otherwise NULL */
+  row_of_block *room;        /* (count) for these */
+  double *frames;            /* (pairs, 3, 3) directions of unit forces */
   double last[3 * SIDE + BEYOND]; /* wrenches of the last spring, so that rows can be read with what is beyond them */
 };
 
@@ -44,38 +46,67 @@ static POISE_INLINE const double *wrenches_of(const struct lanes *lanes, int64_t
   return p + 1 == contacts->springs[contacts->bodies.pairs] ? lanes->last : contacts->wrenches + 3 * SIDE * p;
 }
 
-static void fill_lanes(struct lanes *lanes, const double *bounds) {
+/* Unit forces of all springs of a pair have the same three directions n, at right angles. Their moments m at a place
+   are B n1 - A n2, C n2 - B n0 and A n0 - C n1, where (C, A, B) is the place along the directions, or its opposite
+   where these are left-handed. */
+static POISE_INLINE double along(const double *moment, const double *direction) {
+  return moment[0] * direction[0] + moment[1] * direction[1] + moment[2] * direction[2];
+}
+
+static void fill_lanes(struct lanes *lanes) {
   const struct elastic *contacts = lanes->contacts;
   const int64_t springs = contacts->springs[contacts->bodies.pairs];
   if (springs) memcpy(lanes->last, contacts->wrenches + 3 * SIDE * (springs - 1), 3 * SIDE * sizeof(double));
-  memset(lanes->wrenches, 0, sizeof(row_of_block) * (size_t)(lanes->count * (3 * SIDE + 3)));
+  memset(lanes->arms, 0, sizeof(row_of_block) * (size_t)(lanes->count * 6));
   int64_t eight = 0;
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     lanes->first[pair] = eight;
-    for (int64_t p = contacts->springs[pair]; p < contacts->springs[pair + 1]; eight++)
-      for (int lane = 0; lane < WIDTH && p < contacts->springs[pair + 1]; lane++, p++) {
-        for (int i = 0; i < 3 * SIDE; i++)
-          lanes->wrenches[3 * SIDE * eight + i][lane] = contacts->wrenches[3 * SIDE * p + i];
+    const int64_t first = contacts->springs[pair], last = contacts->springs[pair + 1];
+    const double *forces = contacts->wrenches + 3 * SIDE * first;
+    double *frame = lanes->frames + 9 * pair;
+    for (int i = 0; i < 9 && first < last; i++) frame[i] = forces[SIDE * (i / 3) + i % 3];
+    for (int64_t p = first; p < last; eight++)
+      for (int lane = 0; lane < WIDTH; lane++, p++) { /* what fills up the last eight moves as the last spring does */
+        const double *moments = contacts->wrenches + 3 * SIDE * (p < last ? p : last - 1) + 3;
+        lanes->arms[3 * eight][lane] = -along(moments, frame + 6);
+        lanes->arms[3 * eight + 1][lane] = along(moments, frame + 3);
+        lanes->arms[3 * eight + 2][lane] = along(moments + SIDE, frame + 6);
+        if (p >= last) continue;
         lanes->stiffness[eight][lane] = contacts->stiffness[p];
         lanes->friction[eight][lane] = contacts->friction[p];
-        if (bounds) lanes->bounds[eight][lane] = bounds[p];
       }
   }
   lanes->first[contacts->bodies.pairs] = eight;
-  if (!bounds) lanes->bounds = NULL;
+}
+
+/* Limit friction by bounds of each spring, or where there are none, by Coulomb's law. */
+static void bound_friction(struct lanes *lanes, const double *bounds) {
+  const struct elastic *contacts = lanes->contacts;
+  lanes->bounds = bounds ? lanes->room : NULL;
+  for (int64_t pair = 0; bounds && pair < contacts->bodies.pairs; pair++) {
+    int64_t p = contacts->springs[pair];
+    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++)
+      for (int lane = 0; lane < WIDTH; lane++, p++)
+        lanes->bounds[eight][lane] = p < contacts->springs[pair + 1] ? bounds[p] : 0.0;
+  }
 }
 
 /* out (count, 3) = motion of the second body relative to the first at each spring */
 POISE_WIDE static void spring_motions(const struct lanes *lanes, const double *u, row_of_block *restrict out) {
   const struct bodies *bodies = &lanes->contacts->bodies;
   for (int64_t pair = 0; pair < bodies->pairs; pair++) {
-    double motion[SIDE];
+    const double *frame = lanes->frames + 9 * pair;
+    double motion[SIDE], v[3], w[3];
     relative_motion(bodies, pair, u, motion);
-    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row++) {
-      const row_of_block *wrench = lanes->wrenches + SIDE * row;
-      row_of_block sum = wrench[0] * motion[0];
-      for (int i = 1; i < SIDE; i++) sum += wrench[i] * motion[i];
-      out[row] = sum;
+    for (int i = 0; i < 3; i++) {
+      v[i] = along(motion, frame + 3 * i);
+      w[i] = along(motion + 3, frame + 3 * i);
+    }
+    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row += 3) {
+      const row_of_block *arms = lanes->arms + row;
+      out[row] = v[0] + (arms[1] * w[1] - arms[0] * w[2]);
+      out[row + 1] = v[1] + (arms[2] * w[2] - arms[1] * w[0]);
+      out[row + 2] = v[2] + (arms[0] * w[0] - arms[2] * w[1]);
     }
   }
 }
@@ -127,22 +158,25 @@ POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, con
   for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
   for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
     if (!acts(lanes, pair, relative)) continue;
-    row_of_block parts[3] = {{0.0}}, found[3];
-    double wrench[WIDTH];
-    int64_t p = contacts->springs[pair];
+    row_of_block parts[SIDE] = {{0.0}}, force[3];
     for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      double force[3][WIDTH];
-      spring_forces(lanes, eight, relative + 3 * eight, found);
-      memcpy(force, found, sizeof force);
-      for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++)
-        for (int i = 0; i < 3; i++) {
-          row_of_block row;
-          read_row(wrenches_of(lanes, p) + SIDE * i, &row);
-          parts[i] -= force[i][l] * row;
-        }
+      const row_of_block *arms = lanes->arms + 3 * eight;
+      spring_forces(lanes, eight, relative + 3 * eight, force);
+      for (int i = 0; i < 3; i++) parts[i] += force[i];
+      parts[3] += arms[0] * force[2] - arms[1] * force[1];
+      parts[4] += arms[1] * force[0] - arms[2] * force[2];
+      parts[5] += arms[2] * force[1] - arms[0] * force[0];
     }
-    parts[0] += parts[1] + parts[2];
-    memcpy(wrench, parts, sizeof wrench);
+    double lane[SIDE][WIDTH], sum[SIDE], wrench[SIDE];
+    memcpy(lane, parts, sizeof lane);
+    for (int i = 0; i < SIDE; i++)
+      sum[i] = ((lane[i][0] + lane[i][1]) + (lane[i][2] + lane[i][3])) +
+               ((lane[i][4] + lane[i][5]) + (lane[i][6] + lane[i][7]));
+    const double *frame = lanes->frames + 9 * pair;
+    for (int j = 0; j < SIDE; j++) {
+      const double *part = sum + j / 3 * 3, *axis = frame + j % 3;
+      wrench[j] = -(part[0] * axis[0] + part[1] * axis[3] + part[2] * axis[6]);
+    }
     add_wrench(&contacts->bodies, pair, wrench, out);
   }
 }
@@ -235,21 +269,21 @@ struct steps {
   char *coupled, *before;     /* (pairs) whose stiffness counts, now and for the fill */
 };
 
-static int make_room(const struct elastic *contacts, const double *bounds, struct steps *made) {
+static int make_room(const struct elastic *contacts, struct steps *made) {
   const int64_t size = SIDE * contacts->bodies.count, eights = lanes_of(contacts);
-  const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (3 * SIDE + 3 + 9);
+  const int64_t matrix = bodies_room(&contacts->bodies, 0), lanes = WIDTH * eights * (6 + 9);
   const int64_t whole = 7 * contacts->bodies.count + contacts->bodies.pairs + 1, pairs = contacts->bodies.pairs;
-  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 6 * size + WIDTH));
+  made->room = malloc(sizeof(double) * (size_t)(matrix + lanes + 6 * size + 9 * contacts->bodies.pairs + WIDTH));
   made->whole = malloc(sizeof(int64_t) * (size_t)(whole + fill_room(&contacts->bodies)) + 2 * (size_t)pairs);
   if (!made->room || !made->whole) return POISE_NO_MEMORY;
   made->matrix = bodies_laid_out(&contacts->bodies, 0, made->room, made->whole);
   made->lanes = (struct lanes){.contacts = contacts, .count = eights};
   made->lanes.first = made->whole + 7 * contacts->bodies.count;
-  made->lanes.wrenches = made->matrix.right + 2 * contacts->bodies.count;
-  made->lanes.stiffness = made->lanes.wrenches + 3 * SIDE * eights;
+  made->lanes.arms = made->matrix.right + 2 * contacts->bodies.count;
+  made->lanes.stiffness = made->lanes.arms + 3 * eights;
   made->lanes.friction = made->lanes.stiffness + eights;
-  made->lanes.bounds = made->lanes.friction + eights;
-  made->relative = made->lanes.bounds + eights;
+  made->lanes.room = made->lanes.friction + eights;
+  made->relative = made->lanes.room + eights;
   made->moved = made->relative + 3 * eights;
   made->there = made->moved + 3 * eights;
   made->rest = (double *)(made->there + 3 * eights);
@@ -257,11 +291,12 @@ static int make_room(const struct elastic *contacts, const double *bounds, struc
   made->along = made->step + size;
   made->there_u = made->along + size;
   made->turned = made->there_u + size;
+  made->lanes.frames = made->turned + 2 * size;
   made->fill = fill_laid_out(&contacts->bodies, made->whole + whole);
   made->coupled = (char *)(made->whole + whole + fill_room(&contacts->bodies));
   made->before = made->coupled + pairs;
   made->order = NULL;
-  fill_lanes(&made->lanes, bounds);
+  fill_lanes(&made->lanes);
   return POISE_OK;
 }
 
@@ -306,9 +341,20 @@ static void place_at(const struct steps *made, const double *u) {
     for (int l = 0; l < WIDTH; l++) made->relative[3 * eight][l] += made->lanes.contacts->slack;
 }
 
-static double dot(const double *a, const double *b, int64_t count) {
-  double sum = 0.0;
-  for (int64_t i = 0; i < count; i++) sum += a[i] * b[i];
+/* Eight sums side by side, so that none waits for the one before. */
+POISE_WIDE static double dot(const double *a, const double *b, int64_t count) {
+  row_of_block sums = {0.0};
+  double lane[WIDTH], sum = 0.0;
+  int64_t i = 0;
+  for (; i + WIDTH <= count; i += WIDTH) {
+    row_of_block one, other;
+    read_row(a + i, &one);
+    read_row(b + i, &other);
+    sums += one * other;
+  }
+  memcpy(lane, &sums, sizeof lane);
+  for (; i < count; i++) sum += a[i] * b[i];
+  for (int l = 0; l < WIDTH; l++) sum += lane[l];
   return sum;
 }
 
@@ -332,7 +378,7 @@ static double merit_at(const struct lanes *lanes, struct aim *aim, const double 
   return sqrt(dot(rest, rest, size));
 }
 
-static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
+POISE_WIDE static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
   const int64_t size = SIDE * made->lanes.contacts->bodies.count;
   for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
   for (int64_t i = 0; i < 3 * made->lanes.count; i++) made->there[i] = made->relative[i] + length * made->moved[i];
@@ -422,20 +468,28 @@ static void newton(struct aim *aim, struct steps *made, double enough, int64_t s
 
 static double end_of(double time) { return time < 0.0 ? INFINITY : elastic_clock() + time; }
 
-struct steps *elastic_room(const struct elastic *contacts) {
-  struct steps *made = calloc(1, sizeof *made);
-  if (made && make_room(contacts, NULL, made)) {
-    elastic_free(made);
-    return NULL;
-  }
-  return made;
+const struct elastic *elastic_contacts(const struct steps *made) { return made->lanes.contacts; }
+
+void elastic_begin(struct steps *made, const double *bounds) {
+  made->order = NULL; /* so that answers do not depend on what was asked before */
+  bound_friction(&made->lanes, bounds);
 }
 
-void elastic_free(struct steps *made) {
+POISE_EXPORT void poise_elastic_free(struct steps *made) {
   if (!made) return;
   free(made->room);
   free(made->whole);
   free(made);
+}
+
+/* Room for questions about contacts, which stay where they are; one at a time. NULL without memory. */
+POISE_EXPORT struct steps *poise_elastic_new(const struct elastic *contacts) {
+  struct steps *made = calloc(1, sizeof *made);
+  if (made && make_room(contacts, made)) {
+    poise_elastic_free(made);
+    return NULL;
+  }
+  return made;
 }
 
 struct reached elastic_reach(struct steps *made, const double *load, const double *push, double enough, int64_t steps,
@@ -471,48 +525,33 @@ void elastic_left(struct steps *made, const double *u, const double *load, doubl
 }
 
 /* u (6 n) moves by damped Newton steps that lessen what is left, or the energy where friction has bounds (springs).
-   Bodies in the order of elimination. `time` is negative without a deadline. Returns a status; `taken` steps. */
-POISE_EXPORT int64_t poise_elastic_descend(const struct elastic *contacts, const double *load, const double *bounds,
-                                           double enough, int64_t steps, double time, double *u, int64_t *taken) {
-  struct steps made = {0};
+   Bodies in the order of elimination. `time` is negative without a deadline. `taken` steps. */
+POISE_EXPORT void poise_elastic_descend(struct steps *made, const double *load, const double *bounds, double enough,
+                                        int64_t steps, double time, double *u, int64_t *taken) {
   struct aim aim = {.load = load};
   double value;
-  int status = make_room(contacts, bounds, &made);
-  if (!status) newton(&aim, &made, enough, steps, end_of(time), u, &value, taken);
-  free(made.room);
-  free(made.whole);
-  return status;
+  elastic_begin(made, bounds);
+  newton(&aim, made, enough, steps, end_of(time), u, &value, taken);
 }
 
 /* u (6 n), of which the power of the push (6 n) does not change, becomes an equilibrium under load + factor push.
    `found` (3) is the factor, the size of what is left, and the power of the push on the change of u by it. */
-POISE_EXPORT int64_t poise_elastic_reach(const struct elastic *contacts, const double *load, const double *push,
-                                         double enough, int64_t steps, double time, double *u, double *found,
-                                         int64_t *taken) {
-  struct steps *made = elastic_room(contacts);
-  if (!made) return POISE_NO_MEMORY;
+POISE_EXPORT void poise_elastic_reach(struct steps *made, const double *load, const double *push, double enough,
+                                      int64_t steps, double time, double *u, double *found, int64_t *taken) {
+  elastic_begin(made, NULL);
   const struct reached at = elastic_reach(made, load, push, enough, steps, end_of(time), u);
   memcpy(found, (double[]){at.factor, at.left, at.compliance}, 3 * sizeof(double));
   *taken = at.steps;
-  elastic_free(made);
-  return POISE_OK;
 }
 
 /* u (6 n) becomes the change under a small push (6 n) at a displacement u; without `at`, nothing opens or slips. */
-POISE_EXPORT int64_t poise_elastic_response(const struct elastic *contacts, const double *at, const double *push,
-                                            double *u) {
-  struct steps *made = elastic_room(contacts);
-  const int status = made ? elastic_response(made, at, push, u) : POISE_NO_MEMORY;
-  elastic_free(made);
-  return status;
+POISE_EXPORT int64_t poise_elastic_response(struct steps *made, const double *at, const double *push, double *u) {
+  elastic_begin(made, NULL);
+  return elastic_response(made, at, push, u);
 }
 
 /* What springs and catch leave of a load, negated, (6 n). */
-POISE_EXPORT int64_t poise_elastic_left(const struct elastic *contacts, const double *u, const double *load,
-                                        double *out) {
-  struct steps *made = elastic_room(contacts);
-  if (!made) return POISE_NO_MEMORY;
+POISE_EXPORT void poise_elastic_left(struct steps *made, const double *u, const double *load, double *out) {
+  elastic_begin(made, NULL);
   elastic_left(made, u, load, out);
-  elastic_free(made);
-  return POISE_OK;
 }

@@ -22,10 +22,11 @@ struct reached {
   int64_t steps;
 };
 
-/* Room for Newton steps, for many equilibria; NULL without memory. */
+/* Room for Newton steps, for many equilibria. */
 struct steps;
-struct steps *elastic_room(const struct elastic *contacts);
-void elastic_free(struct steps *made);
+const struct elastic *elastic_contacts(const struct steps *made);
+/* Begin a question: friction is limited by bounds (springs), or if these are NULL, by Coulomb's law. */
+void elastic_begin(struct steps *made, const double *bounds);
 
 /* Seconds of a clock. */
 double elastic_clock(void);

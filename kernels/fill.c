@@ -9,14 +9,18 @@ static const int64_t GONE = INT64_MAX, ONE = (int64_t)1 << 32; /* of a key: a bo
 static int64_t words_of(const struct bodies *bodies) { return (bodies->count + BITS - 1) / BITS; }
 
 int64_t fill_room(const struct bodies *bodies) {
-  return bodies->count * (3 + words_of(bodies)) + 1 + 3 * bodies->pairs + bodies->below;
+  return bodies->count * (6 + words_of(bodies)) + 2 + 3 * bodies->pairs + 2 * bodies->below;
 }
 
 struct fill fill_laid_out(const struct bodies *bodies, int64_t *whole) {
   struct fill fill = {.bodies = *bodies, .lists = whole};
   fill.position = whole + 3 * bodies->pairs + bodies->below + bodies->count + 1;
   fill.keys = fill.position + bodies->count;
-  fill.near = (uint64_t *)(fill.keys + bodies->count);
+  fill.parents = fill.keys + bodies->count;
+  fill.sizes = fill.parents + bodies->count;
+  fill.before = fill.sizes + bodies->count;
+  fill.rows = fill.before + bodies->count + 1;
+  fill.near = (uint64_t *)(fill.rows + bodies->below);
   return fill;
 }
 
@@ -70,14 +74,39 @@ POISE_WIDE static int eliminate_all(const struct bodies *bodies, struct fill *fi
   return 1;
 }
 
-/* Rows become positions, ascending in each column. */
-static void sort_rows(const struct fill *fill, const int64_t *starts, int64_t *rows, int64_t words) {
-  for (int64_t k = 0; k < fill->bodies.count; k++) {
+/* Columns in another order of the same fill: each right after those that it takes from, so that what is read and
+   written next is near. `before` are the first blocks of the columns, and `fill->rows` the bodies of these, as
+   eliminated. Rows become positions, ascending in each column. */
+static void put_in_order(struct fill *fill, int64_t *starts, int64_t *rows, int64_t words) {
+  const int64_t count = fill->bodies.count, *before = fill->before;
+  int64_t *ends = fill->keys, *place = fill->sizes; /* of what is left below each column; of each column, in the end */
+  for (int64_t k = 0; k < count; k++) {
+    int64_t parent = count;
+    for (int64_t b = before[k]; b < before[k + 1]; b++)
+      parent = fill->position[fill->rows[b]] < parent ? fill->position[fill->rows[b]] : parent;
+    fill->parents[k] = parent;
+    fill->sizes[k] = 1;
+  }
+  for (int64_t k = 0; k < count; k++)
+    if (fill->parents[k] < count) fill->sizes[fill->parents[k]] += fill->sizes[k];
+  int64_t end = count;
+  for (int64_t k = count - 1; k >= 0; k--) {
+    int64_t *of = fill->parents[k] < count ? ends + fill->parents[k] : &end;
+    const int64_t size = fill->sizes[k];
+    ends[k] = *of - 1;
+    place[k] = *of - 1;
+    *of -= size;
+  }
+  for (int64_t k = 0; k < count; k++) starts[place[k] + 1] = before[k + 1] - before[k];
+  starts[0] = 0;
+  for (int64_t k = 0; k < count; k++) starts[k + 1] += starts[k];
+  for (int64_t k = 0; k < count; k++) {
     uint64_t *bits = fill->near;
     memset(bits, 0, sizeof *bits * (size_t)words);
-    for (int64_t b = starts[k]; b < starts[k + 1]; b++) set_bit(bits, fill->position[rows[b]]);
-    list_bits(bits, words, starts[k + 1] - starts[k], rows + starts[k]);
+    for (int64_t b = before[k]; b < before[k + 1]; b++) set_bit(bits, place[fill->position[fill->rows[b]]]);
+    list_bits(bits, words, before[k + 1] - before[k], rows + starts[place[k]]);
   }
+  for (int64_t body = 0; body < count; body++) fill->position[body] = place[fill->position[body]];
 }
 
 static int64_t place_of(const int64_t *starts, const int64_t *rows, int64_t column, int64_t row) {
@@ -103,8 +132,8 @@ int fill_order(const struct bodies *bodies, const char *coupled, struct fill *fi
       set_bit(fill->near + words * side[0], side[1]);
       set_bit(fill->near + words * side[1], side[0]);
     }
-  if (!eliminate_all(bodies, fill, starts, rows)) return 0;
-  sort_rows(fill, starts, rows, words);
+  if (!eliminate_all(bodies, fill, fill->before, fill->rows)) return 0;
+  put_in_order(fill, starts, rows, words);
   for (int64_t pair = 0; pair < bodies->pairs; pair++) {
     int64_t *side = sides + 2 * pair;
     for (int i = 0; i < 2; i++)

@@ -11,6 +11,8 @@ struct fill {
   int64_t *lists;       /* arrays of `bodies` */
   uint64_t *near;       /* (count, words) bits: which bodies are coupled */
   int64_t *keys;        /* (count) number of coupled bodies and number of the body */
+  int64_t *parents, *sizes; /* (count) of each column the one after it that needs it first, and how many it needs */
+  int64_t *before, *rows;   /* (count + 1), (below) as `starts` and `rows` of `bodies`, in the order of elimination */
 };
 
 /* Numbers of integers that it needs for some bodies, and the same laid into them. */

@@ -280,20 +280,18 @@ static int follow(struct following *f) {
 }
 
 /* Fill in the points of a path, its end, and whether it ended. Bodies in the order of elimination. */
-POISE_EXPORT int64_t poise_elastic_follow(const struct elastic *contacts, struct path *path) {
-  struct following f = {.path = path, .size = SIDE * contacts->bodies.count, .catch = contacts->catch};
+POISE_EXPORT int64_t poise_elastic_follow(struct steps *made, struct path *path) {
+  const struct elastic *contacts = elastic_contacts(made);
+  struct following f = {.path = path, .made = made, .size = SIDE * contacts->bodies.count, .catch = contacts->catch};
   double *room = malloc(sizeof(double) * (size_t)(5 * f.size));
-  int status = POISE_NO_MEMORY;
-  f.made = elastic_room(contacts);
-  if (room && f.made) {
-    f.here = room;
-    f.guess = f.here + f.size;
-    f.slope = f.guess + f.size;
-    f.total = f.slope + f.size;
-    f.left = f.total + f.size;
-    status = follow(&f);
-  }
-  elastic_free(f.made);
+  if (!room) return POISE_NO_MEMORY;
+  f.here = room;
+  f.guess = f.here + f.size;
+  f.slope = f.guess + f.size;
+  f.total = f.slope + f.size;
+  f.left = f.total + f.size;
+  elastic_begin(made, NULL);
+  const int status = follow(&f);
   free(room);
   return status;
 }

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.geometry.vectors import plane_axes
+from poise.geometry.vectors import cross, plane_axes
 from poise.types import Array, Mask
 
 _ROUNDING = 1e-12
@@ -118,7 +118,7 @@ def rotation_between(start: Array, end: Array) -> Array:
     cosine = float(start @ end)
     if cosine < -1 + 1e-12:
         return rotation_about(plane_axes(start)[0], np.pi)
-    skew = cross_matrix(np.cross(start, end))
+    skew = cross_matrix(cross(start, end))
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
 
 

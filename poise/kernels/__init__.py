@@ -8,8 +8,8 @@ False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leave
 - `clocks`: sums at many lags. `clusters`: of points. `lookup`: points in depth images.
 - `matching`: surfaces moved to their points. `merging`: clusters. `neighbours`: nearest points, tetrahedra.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
-  outliers less. `search`: the rounds of an estimate. `smoothing`: splines. `statics`: bodies in contact.
-  `sums`: normal equations.
+  outliers less. `search`: the rounds of an estimate. `slips`: first slips on a patch. `smoothing`: splines.
+  `statics`: bodies in contact. `sums`: normal equations.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum, rope
     from poise.kernels.robust import robust_fit
     from poise.kernels.search import CompiledSearch, SearchAnswer
+    from poise.kernels.slips import first_slips
     from poise.kernels.smoothing import CompiledSplines
     from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
     from poise.kernels.sums import weighed_sums
@@ -53,6 +54,7 @@ __all__ = [
     "clock_sums",
     "clustered_points",
     "find_records",
+    "first_slips",
     "innovation_squares",
     "innovations",
     "matched_places",
@@ -90,6 +92,7 @@ _FILES = {
     "innovations": "recursions",
     "pendulum": "recursions",
     "rope": "recursions",
+    "first_slips": "slips",
     "CompiledSplines": "smoothing",
     "Drawn": "matching",
     "matched_places": "matching",

@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 7
+_VERSION = 8
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -42,16 +42,18 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
         [_INT, _INT, *[_POINTER] * 5, ctypes.c_double, ctypes.c_double, _POINTER, _POINTER],
     ),
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
+    "poise_elastic_new": (_POINTER, [_POINTER]),
+    "poise_elastic_free": (None, [_POINTER]),
     "poise_elastic_descend": (
-        _INT,
+        None,
         [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, _POINTER, _POINTER],
     ),
     "poise_elastic_reach": (
-        _INT,
+        None,
         [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, *[_POINTER] * 3],
     ),
     "poise_elastic_response": (_INT, [_POINTER] * 4),
-    "poise_elastic_left": (_INT, [_POINTER] * 4),
+    "poise_elastic_left": (None, [_POINTER] * 4),
     "poise_elastic_follow": (_INT, [_POINTER] * 2),
     "poise_cones_new": (_POINTER, [_POINTER]),
     "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
@@ -66,6 +68,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_pockets": (None, [_POINTER]),
     "poise_match": (_INT, [_POINTER]),
     "poise_merge": (_INT, [_POINTER]),
+    "poise_first_slips": (None, [_POINTER, _INT, *[_POINTER] * 3]),
 }
 
 

@@ -2,6 +2,8 @@
 
 import ctypes
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,7 +109,8 @@ class CompiledElastic:
     Args:
         bodies: of the block.
         springs: (I + 1,) first spring of each pair.
-        wrenches: (P, 3, 6) of unit forces on the second body.
+        wrenches: (P, 3, 6) of unit forces on the second body, along the same three directions, which are at right
+            angles, for all springs of a pair.
         stiffness, friction: (P,).
         catch, slack: stiffness that holds every body; by how much nothing presses.
 
@@ -128,7 +131,20 @@ class CompiledElastic:
         ]
         pointers = dict(zip(("springs", "wrenches", "stiffness", "friction"), map(address, self._kept), strict=True))
         self._model = _Elastic(bodies=bodies.layout, **pointers, **holds)
-        self._pointer = ctypes.addressof(self._model)
+        # A question takes a room out and puts it back, so that threads which ask at once have one each.
+        self._rooms: list[int] = []
+        weakref.finalize(self, _free_rooms, self._rooms)
+
+    @contextmanager
+    def _room(self) -> Iterator[int]:
+        """Room for one question, kept for the next ones: a large one takes as long to get as a Newton step."""
+        room = self._rooms.pop() if self._rooms else library.poise_elastic_new(ctypes.addressof(self._model))
+        if not room:
+            raise MemoryError("no memory for a compiled kernel")
+        try:
+            yield room
+        finally:
+            self._rooms.append(room)
 
     def descend(
         self, load: Array, start: Array, bounds: Array | None, enough: float, steps: int, remaining: float | None
@@ -147,7 +163,8 @@ class CompiledElastic:
         u, taken = np.array(start, dtype=np.float64), _INT()
         time = -1.0 if remaining is None else remaining
         arguments = address(load), address(bounds), enough, steps, time, address(u), ctypes.addressof(taken)
-        check(library.poise_elastic_descend(self._pointer, *arguments))
+        with self._room() as room:
+            library.poise_elastic_descend(room, *arguments)
         return u
 
     def reach(
@@ -162,7 +179,8 @@ class CompiledElastic:
         u, taken, found = np.array(start, dtype=np.float64), _INT(), np.empty(3)
         time = -1.0 if remaining is None else remaining
         arguments = enough, steps, time, address(u), address(found), ctypes.addressof(taken)
-        check(library.poise_elastic_reach(self._pointer, address(load), address(push), *arguments))
+        with self._room() as room:
+            library.poise_elastic_reach(room, address(load), address(push), *arguments)
         factor, left, compliance = found.tolist()
         return u, factor, left, compliance, taken.value
 
@@ -197,21 +215,29 @@ class CompiledElastic:
         path = _Path(
             *map(address, given), *numbers, *map(address, (points, factors, compliances, steps, end)), look, 0, 0
         )
-        check(library.poise_elastic_follow(self._pointer, ctypes.addressof(path)))
+        with self._room() as room:
+            check(library.poise_elastic_follow(room, ctypes.addressof(path)))
         kept = slice(path.count)
         return CompiledPath(points[kept], factors[kept], compliances[kept], steps[kept], end, bool(path.ended))
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) the change under a small push (6 n,) at a displacement (6 n,); None: where nothing opens or slips."""
         u = np.empty(self._size)
-        check(library.poise_elastic_response(self._pointer, address(at), address(push), address(u)))
+        with self._room() as room:
+            check(library.poise_elastic_response(room, address(at), address(push), address(u)))
         return u
 
     def left(self, u: Array, load: Array) -> Array:
         """(6 n,) what contacts and catch leave of a load, negated."""
         out = np.empty(self._size)
-        check(library.poise_elastic_left(self._pointer, address(u), address(load), address(out)))
+        with self._room() as room:
+            library.poise_elastic_left(room, address(u), address(load), address(out))
         return out
+
+
+def _free_rooms(rooms: list[int]) -> None:
+    for room in rooms:
+        library.poise_elastic_free(room)
 
 
 class ConeSolutions(NamedTuple):

@@ -8,7 +8,7 @@ import shapely
 from scipy.spatial import ConvexHull
 
 from poise.assembly.scene import Polyhedron, Shape, merge_facets
-from poise.geometry import plane_axes, unit
+from poise.geometry import cross, plane_axes, unit
 from poise.types import Array, Indices
 
 
@@ -59,8 +59,8 @@ class Edge:
         if abs(outwards @ self.direction) > PARALLEL_SINE:
             return False
         first, second = self.normals
-        turn = np.cross(first, second)
-        return bool(np.cross(first, outwards) @ turn > 0 and np.cross(outwards, second) @ turn > 0)
+        turn = cross(first, second)
+        return bool(cross(first, outwards) @ turn > 0 and cross(outwards, second) @ turn > 0)
 
 
 PARALLEL_SINE = 2e-3
@@ -121,7 +121,7 @@ def _hull(polyhedron: Polyhedron) -> Polyhedron:
     used, triangles = np.unique(hull.simplices, return_inverse=True)
     vertices, triangles = polyhedron.vertices[used], triangles.reshape(-1, 3).astype(np.int64)
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    inwards = np.einsum("ij,ij->i", cross(b - a, c - a), hull.equations[:, :3]) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
     return merge_facets(vertices, triangles)
 

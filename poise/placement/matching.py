@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.geometry import Pose, rotation_about, rotation_between, unit
+from poise.geometry import Pose, cross, rotation_about, rotation_between, unit
 from poise.placement.features import ContactFeatures, Face
 from poise.types import Array
 
@@ -129,7 +129,7 @@ def over_three(a: SupportPoint, b: SupportPoint, c: SupportPoint, up: Array) -> 
 
     None when the places are in line, or when the plane would run into a surface at one of them.
     """
-    across = np.cross(b.point - a.point, c.point - a.point)
+    across = cross(b.point - a.point, c.point - a.point)
     size = float(np.linalg.norm(across))
     if size < 1e-3 * float(np.linalg.norm(b.point - a.point)) * float(np.linalg.norm(c.point - a.point)) or size == 0:
         return None
@@ -158,8 +158,8 @@ def rotation_of_pairs(first: Array, second: Array, to_first: Array, to_second: A
     """The rotation that turns `first` into `to_first` and `second` as near to `to_second` as that allows."""
 
     def frame(x: Array, other: Array) -> Array:
-        z = unit(np.cross(x, other))
-        return np.column_stack([x, np.cross(z, x), z])
+        z = unit(cross(x, other))
+        return np.column_stack([x, cross(z, x), z])
 
     return np.asarray(frame(to_first, to_second) @ frame(first, second).T)
 
@@ -168,7 +168,7 @@ def _yaws_into_plane(direction: Array, axis: Array, normal: Array) -> list[float
     """Turns about a unit axis, rad, that lay a direction into the plane with this normal; none, one or two."""
     along = float(axis @ direction) * float(axis @ normal)
     cosine = float(direction @ normal) - along
-    sine = float(np.cross(axis, direction) @ normal)
+    sine = float(cross(axis, direction) @ normal)
     size = np.hypot(cosine, sine)
     if size < 1e-12 or abs(along) > size:
         return []
@@ -177,4 +177,4 @@ def _yaws_into_plane(direction: Array, axis: Array, normal: Array) -> list[float
 
 
 def _signed_angle(start: Array, end: Array, axis: Array) -> float:
-    return float(np.arctan2(np.cross(start, end) @ axis, start @ end))
+    return float(np.arctan2(cross(start, end) @ axis, start @ end))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from poise.assembly import Analysis, robustness_map
 from poise.assembly.contact import SurfacePoints
@@ -188,11 +187,30 @@ def check_criterion(criterion: str) -> None:
         raise InputError(ErrorCode.BAD_INPUT, f"criterion {criterion!r}: choose one of {', '.join(CRITERIA)}")
 
 
+def _outline(plane: Array) -> list[int]:
+    """Corners of the hull of points (N, 2), in order: a monotone chain."""
+    chain: list[int] = []
+    there = plane.tolist()
+    order = np.lexsort(plane.T[::-1]).tolist()
+    for way in (order, order[::-1]):
+        begin = len(chain)
+        for k in way:
+            x, y = there[k]
+            while len(chain) > begin + 1:
+                (x0, y0), (x1, y1) = there[chain[-2]], there[chain[-1]]
+                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
+                    break
+                chain.pop()
+            chain.append(k)
+        chain.pop()
+    return chain or order[:1]
+
+
 def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
     """m3 of the smallest upright box around points (N, 3): the least rectangle has a side on an edge of the hull."""
     up = -unit(gravity)
     plane = corners @ plane_axes(up).T
-    hull = plane[ConvexHull(plane).vertices]
+    hull = plane[_outline(plane)]
     sides = np.concatenate([hull[1:], hull[:1]]) - hull
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))
     cosines, sines, (x, y) = np.cos(angles)[:, None], np.sin(angles)[:, None], hull.T

@@ -10,7 +10,7 @@ from poise.assembly import Analysis, Push, RigidObject, assess
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness import rough_robustness
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.geometry import unit
+from poise.geometry import cross, unit
 from poise.placement.features import PARALLEL_SINE, is_convex
 from poise.placement.matching import SupportPoint
 from poise.types import Array, Mask
@@ -186,7 +186,7 @@ def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) 
     points, directions = [np.zeros((0, 3))], [np.zeros((0, 3))]
     if len(triangles):
         corners = vertices[polyhedron.triangles[triangles]]
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        areas = np.linalg.norm(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         picked = rng.choice(len(triangles), size=count, p=areas / areas.sum())
         square = rng.random((count, 2))
         square = np.where(square.sum(axis=1, keepdims=True) > 1, 1 - square, square)
@@ -208,7 +208,7 @@ def _sharp(item: RigidObject, up: Array) -> Array:
     run = vertices[ends[:, 1]] - vertices[ends[:, 0]]
     level = np.abs(run @ up) < PARALLEL_SINE * np.linalg.norm(run, axis=1)
     # The faces beside a level ridge fall away on different hands; so they do beside a valley.
-    hands = np.einsum("esk,ek->es", beside, np.cross(run, up))
+    hands = np.einsum("esk,ek->es", beside, cross(run, up))
     apart = hands.prod(axis=1) < -1e-12 * np.einsum("ij,ij->i", run, run)
     edges = np.flatnonzero(level & apart & np.all(beside @ up > -PARALLEL_SINE, axis=1))
     ridge = [edge for edge in edges.tolist() if is_convex(polyhedron, edge)]

@@ -186,13 +186,19 @@ def test_few_steps_to_a_point_of_the_path_are_not_damped(block) -> None:
     assert ends[::2] != ends[1::2] or block.geometry.count == 1  # one body alone needs no damping here
 
 
+def random_springs(rng: np.random.Generator, count: int) -> Array:
+    """(count, 3, 6) wrenches of unit forces along three directions at right angles, at random places."""
+    frames = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    return np.concatenate([frames, np.cross(rng.normal(size=(count, 1, 3)), frames)], axis=2)
+
+
 def test_an_order_of_elimination_solves_what_a_dense_solver_solves() -> None:
     """Bodies of a ring, a star and the ground, in an order that fills."""
     rng = np.random.default_rng(3)
     sides = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0], [0, 5], [0, 6], [5, -1], [6, 3], [-1, 2]])
     order = Elimination.of(sides, 7)
     springs = np.arange(len(sides) + 1)
-    wrenches, stiffness = rng.normal(size=(len(sides), 3, 6)), rng.uniform(1.0, 2.0, len(sides))
+    wrenches, stiffness = random_springs(rng, len(sides)), rng.uniform(1.0, 2.0, len(sides))
     kernel = CompiledElastic(order.compiled, springs, wrenches, stiffness, stiffness, catch=0.1, slack=0.0)
     whole = 0.1 * np.eye(42)
     for (first, second), wrench, k in zip(sides, wrenches, stiffness, strict=True):
@@ -214,7 +220,7 @@ def test_pairs_that_are_open_couple_nothing() -> None:
     pairs = [(grid[:, :-1], grid[:, 1:]), (grid[:-1], grid[1:]), (np.full(7, -1), grid[0])]
     sides = np.concatenate([np.stack([first.ravel(), second.ravel()], axis=1) for first, second in pairs])
     order = Elimination.of(sides, 70)
-    springs, wrenches = np.arange(len(sides) + 1), rng.normal(size=(len(sides), 3, 6))
+    springs, wrenches = np.arange(len(sides) + 1), random_springs(rng, len(sides))
     stiffness, friction = rng.uniform(1.0, 2.0, len(sides)), np.full(len(sides), 1e9)
     kernel = CompiledElastic(order.compiled, springs, wrenches, stiffness, friction, catch=0.1, slack=0.0)
     at, whole, pressed = rng.normal(size=420), 0.1 * np.eye(420), 0

@@ -1,12 +1,14 @@
 """Margins that a few least squares prove, against the conic program; pairs of bodies and points of paths in short."""
 
+from itertools import combinations
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
 
 from benchmarks.touching import random_scene
 from poise.assembly import Analysis, Assembly
-from poise.assembly.contact.contacts import CONTACT_MARGIN, _pairs_near, _pairs_with
+from poise.assembly.contact.contacts import CONTACT_MARGIN, _pairs_near
 from poise.assembly.contact.placed import placed
 from poise.assembly.robustness import rough_robustness
 from poise.assembly.robustness.maps import robustness_map
@@ -101,7 +103,8 @@ def test_the_guide_of_placements_is_near_the_certified_map():
         assert np.all(rough <= (1 + tolerance) * np.minimum(exact.upper, 900.0))
 
 
-def test_pairs_with_some_bodies_are_those_of_all_pairs():
+def test_pairs_are_those_whose_bounds_meet():
+    """All, and those with some bodies, against each pair looked at by itself."""
     rng = np.random.default_rng(8)
     for _ in range(20):
         bodies = []
@@ -110,8 +113,14 @@ def test_pairs_with_some_bodies_are_those_of_all_pairs():
             item = scenes.box(f"b{number}", rng.uniform(0.1, 0.9, 3), (0, 0, 0), fixed=bool(rng.random() < 0.3))
             bodies.append(placed(type(item)(item.id, item.shape, where, mass=1.0, fixed=item.fixed)))
         wanted = np.sort(rng.choice(12, 3, replace=False))
+        bounds = [body.bounds for body in bodies]
+        for i, j in combinations(range(12), 2):
+            both = np.stack([np.maximum(bounds[i][0], bounds[j][0]), np.minimum(bounds[i][1], bounds[j][1])])
+            meet = bool(np.all(both[0] <= both[1] + CONTACT_MARGIN))
+            meet &= not (bodies[i].item.fixed and bodies[j].item.fixed)
+            assert ((i, j) in _pairs_near(bodies, CONTACT_MARGIN)) == meet
         some = [pair for pair in _pairs_near(bodies, CONTACT_MARGIN) if set(pair) & set(wanted.tolist())]
-        assert _pairs_with(bodies, wanted, CONTACT_MARGIN) == some
+        assert _pairs_near(bodies, CONTACT_MARGIN, wanted) == some
 
 
 def test_one_body_has_one_order_of_elimination():

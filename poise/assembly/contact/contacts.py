@@ -100,9 +100,9 @@ def find_interfaces(
         NoAnswerError: DEADLINE.
     """
     bodies = [placed(item) for item in assembly.objects]
-    wanted = None if only is None else np.array([item.id in only for item in assembly.objects])
+    wanted = None if only is None else np.flatnonzero([item.id in only for item in assembly.objects])
     interfaces: list[Interface] = []
-    pairs = _pairs_near(bodies, margin) if wanted is None else _pairs_with(bodies, np.flatnonzero(wanted), margin)
+    pairs = _pairs_near(bodies, margin, wanted)
     for number, (i, j) in enumerate(pairs):
         if number >= _SOON and late():
             raise NoAnswerError(
@@ -139,32 +139,35 @@ def overlapping(assembly: Assembly, allowed: Array | float = 0.0) -> list[tuple[
     return sorted(found, key=lambda each: -each[2])
 
 
-def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[tuple[int, int]]:
-    """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
+def _pairs_near(bodies: list[PlacedBody], margin: float, wanted: Indices | None = None) -> list[tuple[int, int]]:
+    """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed.
+
+    Args:
+        bodies: all.
+        margin: m.
+        wanted: places of bodies of which one is in each pair; None: any.
+    """
     bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
     fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
-    order = np.argsort(bounds[:, 0, 0], kind="stable")  # swept along x: what begins behind the end of some is not near
-    low, high, fixed = bounds[order, 0], bounds[order, 1] + margin, fixed[order]
-    pairs: list[Indices] = []
-    for begin in range(0, len(bodies), _ROWS):
-        rows = slice(begin, begin + _ROWS)
-        columns = slice(begin, int(np.searchsorted(low[:, 0], high[rows, 0].max(), side="right")))
-        near = np.all((low[rows, None] <= high[columns]) & (low[columns] <= high[rows, None]), axis=2)
-        near &= ~(fixed[rows, None] & fixed[columns])
-        pairs.append(np.argwhere(np.triu(near, 1)) + begin)
-    found = np.sort(order[np.concatenate(pairs)], axis=1) if pairs else np.zeros((0, 2), dtype=np.int64)
-    return [(i, j) for i, j in found[np.lexsort(found.T[::-1])].tolist()]
+    low, high, pairs = bounds[:, 0], bounds[:, 1] + margin, [np.zeros((0, 2), dtype=np.int64)]
 
+    def near(rows: Indices, others: Indices) -> Indices:
+        """(K, 2) bodies of the rows, and others near them, which are not the same."""
+        close = np.all((low[rows, None] <= high[others]) & (low[others] <= high[rows, None]), axis=2)
+        close &= ~(fixed[rows, None] & fixed[others]) & (rows[:, None] != others)
+        first, second = np.nonzero(close)
+        return np.stack([rows[first], others[second]], axis=1)
 
-def _pairs_with(bodies: list[PlacedBody], wanted: Indices, margin: float) -> list[tuple[int, int]]:
-    """The same pairs, of those with one of some bodies (places)."""
-    bounds = np.array([body.bounds for body in bodies]).reshape(-1, 2, 3)
-    fixed = np.array([body.item.fixed for body in bodies], dtype=bool)
-    low, high = bounds[:, 0], bounds[:, 1] + margin
-    near = np.all((low[wanted, None] <= high) & (low <= high[wanted, None]), axis=2)
-    near &= ~(fixed[wanted, None] & fixed)
-    near[np.arange(len(wanted)), wanted] = False
-    return sorted({(min(i, j), max(i, j)) for i, j in ((int(wanted[a]), int(b)) for a, b in np.argwhere(near))})
+    if wanted is not None:
+        pairs.append(near(wanted, np.arange(len(bodies))))
+    else:
+        order = np.argsort(low[:, 0], kind="stable")  # swept along x: what begins behind the end of some is not near
+        for begin in range(0, len(bodies), _ROWS):
+            rows = order[begin : begin + _ROWS]
+            end = int(np.searchsorted(low[order, 0], high[rows, 0].max(), side="right"))
+            pairs.append(near(rows, order[begin:end]))
+    found = np.sort(np.concatenate(pairs), axis=1)
+    return [divmod(pair, len(bodies)) for pair in np.unique(found @ [len(bodies), 1]).tolist()]
 
 
 def _overlap(first: PlacedBody, second: PlacedBody, margin: float) -> float:

@@ -176,8 +176,11 @@ def _on_facet(
     """Contacts with one facet of those vertices whose heights above it are given, unless covered already."""
     patches = []
     normal, lying = base.normals[facet], set(covered)
-    ends_high = np.isin(body.edges[edges], list(height)).all(axis=1)
-    open_edges = edges[ends_high & ~np.isin(body.edges[edges], list(covered)).all(axis=1)]
+    marked = np.zeros((2, len(body.vertices)), dtype=bool)
+    marked[0, list(height)] = True
+    marked[1, list(covered)] = True
+    ends_high, ends_covered = (each[body.edges[edges]].all(axis=1) for each in marked)
+    open_edges = edges[ends_high & ~ends_covered]
     if base.polyhedron.convex:
         high = np.array(sorted(height))
         beside = np.zeros((len(body.vertices), len(base.normals)), dtype=bool)

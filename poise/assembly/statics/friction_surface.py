@@ -125,6 +125,11 @@ class FrictionSurface:
     def _partial(self) -> Array:
         return np.full((_TABLE, _TABLE), np.nan)
 
+    @property
+    def for_kernel(self) -> tuple[Array, Array]:
+        """(T, T) normal force needed, as far as known (NaN elsewhere: the kernel fills it in), and (D, 3) motions."""
+        return self._table if "_table" in self.__dict__ else self._partial, self._motions
+
     def normal_force_needed(self, force: Array, moment: Array) -> Array:
         """(...) normal force needed, at friction 1, to resist forces (..., 2) and moments (...) about the centroid."""
         turning = moment / self.radius

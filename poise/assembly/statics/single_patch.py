@@ -9,6 +9,7 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
 from poise.assembly.statics.load_factor import UNLIMITED
 from poise.geometry import cross, move_wrench
+from poise.kernels import COMPILED, first_slips
 from poise.types import Array, Indices, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
@@ -135,12 +136,20 @@ class SinglePatch:
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none; demand (6, Q)."""
         end, way = top.copy(), demand - self._rest[:, None]
+        if COMPILED and len(top) > _FEW:
+            return first_slips(way, top, self._rest, *self._friction.surface.for_kernel, self._numbers)
         found = self._bracketed if len(top) > _FEW else self._bracketed_at_once
         rows, low, high, f_high = found(way, top)
         if len(rows):
             some = way.take(rows, axis=1)
             end[rows] = self._root(some, low, self._excess(some, low), high, f_high)
         return end
+
+    @cached_property
+    def _numbers(self) -> tuple[float, ...]:
+        """As the kernel takes them."""
+        friction = self._friction
+        return friction.surface.radius, friction.size, self._handed, self._mu, self._weight
 
     def _bracketed_at_once(self, way: Array, top: Array) -> tuple[Indices, Array, Array, Array]:
         """As `_bracketed`, of few loads: all steps in one array operation."""
