@@ -28,27 +28,6 @@ POISE_EXPORT void poise_innovations(int64_t rows, int64_t n, int64_t stride, dou
   for (; row < rows; row++) innovate(1, n, stride, values + row * stride, scale, gain, fade, drive, weight);
 }
 
-/* squares (columns,) of the innovations of values (n, columns), divided by their variance. `gain` and `kalman` are
-   (n, gains), of all columns (gains = 1) or of each; `decay` (n,). */
-POISE_EXPORT void poise_innovation_squares(int64_t n, int64_t columns, const double *values, int64_t gains,
-                                           const double *gain, const double *kalman, const double *decay,
-                                           double *squares) {
-  const int64_t each = gains > 1;
-  for (int64_t first = 0; first < columns; first += LANES) {
-    const int lanes = (int)(columns - first < LANES ? columns - first : LANES);
-    double state[LANES] = {0.0}, sum[LANES] = {0.0};
-    for (int64_t i = 0; i < n; i++)
-      for (int lane = 0; lane < lanes; lane++) {
-        const int64_t own = i * gains + each * (first + lane);
-        const double value = values[i * columns + first + lane], g = gain[own], k = kalman[own], fade = 1.0 - k * g;
-        const double innovation = value - g * state[lane];
-        sum[lane] += fade * innovation * innovation; /* 1 - k g is one over the variance */
-        state[lane] = decay[i] * (fade * state[lane] + k * value);
-      }
-    for (int lane = 0; lane < lanes; lane++) squares[first + lane] = sum[lane];
-  }
-}
-
 /* Positions (n, 3) on the unit sphere under drives and turns (n, 3); `start` (6,): at the first step and before it. */
 POISE_EXPORT void poise_pendulum(int64_t n, const double *start, const double *drive, const double *turn, double half,
                                  double *places) {

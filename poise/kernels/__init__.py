@@ -9,7 +9,7 @@ False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leave
 - `matching`: surfaces moved to their points. `merging`: clusters. `neighbours`: nearest points, tetrahedra.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `slips`: first slips on a patch. `smoothing`: splines.
-  `statics`: bodies in contact. `sums`: normal equations.
+  `statics`: bodies in contact. `sums`: normal equations. `whitening`: of columns.
 - `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
@@ -29,13 +29,14 @@ if TYPE_CHECKING:
     from poise.kernels.merging import merged_clusters
     from poise.kernels.neighbours import nearest_of, side_averages, tetrahedra_of
     from poise.kernels.records import find_records
-    from poise.kernels.recursions import between_stops, innovation_squares, innovations, pendulum, rope
+    from poise.kernels.recursions import between_stops, innovations, pendulum, rope
     from poise.kernels.robust import robust_fit
     from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.slips import first_slips
     from poise.kernels.smoothing import CompiledSplines
     from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
     from poise.kernels.sums import weighed_sums
+    from poise.kernels.whitening import WhiteningFilters, likely_colours
 
 __all__ = [
     "COMPILED",
@@ -48,6 +49,7 @@ __all__ = [
     "CompiledSplines",
     "Drawn",
     "SearchAnswer",
+    "WhiteningFilters",
     "between_stops",
     "bounded_minimum",
     "chain_motion",
@@ -55,8 +57,8 @@ __all__ = [
     "clustered_points",
     "find_records",
     "first_slips",
-    "innovation_squares",
     "innovations",
+    "likely_colours",
     "matched_places",
     "merged_clusters",
     "nearest_of",
@@ -73,6 +75,8 @@ __all__ = [
 ]
 
 _FILES = {
+    "WhiteningFilters": "whitening",
+    "likely_colours": "whitening",
     "CompiledBodies": "statics",
     "CompiledConeProgram": "statics",
     "CompiledElastic": "statics",
@@ -88,7 +92,6 @@ _FILES = {
     "clustered_points": "clusters",
     "find_records": "records",
     "between_stops": "recursions",
-    "innovation_squares": "recursions",
     "innovations": "recursions",
     "pendulum": "recursions",
     "rope": "recursions",

@@ -35,7 +35,6 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_robust_fit": (_INT, [_INT, _INT, *[_POINTER] * 4, ctypes.c_double, _INT, *[_POINTER] * 3]),
     "poise_box_minimum": (_INT, [_INT, *[_POINTER] * 6]),
     "poise_innovations": (None, [_INT, _INT, _INT, _POINTER, ctypes.c_double, *[_POINTER] * 4]),
-    "poise_innovation_squares": (None, [_INT, _INT, _POINTER, _INT, *[_POINTER] * 4]),
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
     "poise_rope": (
         None,
@@ -44,6 +43,11 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
     "poise_elastic_new": (_POINTER, [_POINTER]),
     "poise_elastic_free": (None, [_POINTER]),
+    "poise_whitened": (
+        _INT,
+        [_INT, _INT, _POINTER, _POINTER, _INT, _INT, _POINTER, _POINTER, _INT, *[_POINTER] * 3, _INT, *[_POINTER] * 2],
+    ),
+    "poise_likely_colours": (_INT, [_INT, _INT, *[_POINTER] * 3, _INT, *[_POINTER] * 10]),
     "poise_elastic_descend": (
         None,
         [*[_POINTER] * 3, ctypes.c_double, _INT, ctypes.c_double, _POINTER, _POINTER],

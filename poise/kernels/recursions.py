@@ -34,28 +34,6 @@ def innovations(signals: Array, scale: float, gain: Array, fade: Array, drive: A
     library.poise_innovations(rows, count, step // signals.itemsize, first, scale, *map(address, series))
 
 
-def innovation_squares(values: Array, gain: Array, kalman: Array, decay: Array) -> Array:
-    """(K,) sums of the squared innovations of values (N, K), divided by their variance; needs `COMPILED`.
-
-    Args:
-        values: (N, K).
-        gain, kalman: (N, 1) of all columns, or (N, K) of each.
-        decay: (N,) of the state, to the next sample.
-
-    Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes.
-    """
-    given = contiguous(values, -1, -1, what="values")
-    count, columns = given.shape
-    gains = 1 if gain.shape[1] == 1 else columns
-    pair = [contiguous(each, count, gains, what="gains") for each in (gain, kalman)]
-    rest = contiguous(decay, count, what="the decay")
-    squares = np.empty(columns)
-    arrays = (*map(address, pair), address(rest), address(squares))
-    library.poise_innovation_squares(count, columns, address(given), gains, *arrays)
-    return squares
-
-
 def pendulum(start: Array, drive: Array, turn: Array, half: float) -> Array:
     """(N, 3) positions of a pendulum on the unit sphere; needs `COMPILED`.
 

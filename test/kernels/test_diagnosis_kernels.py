@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from poise.errors import InputError
-from poise.kernels import between_stops, bounded_minimum, innovation_squares, innovations, pendulum
+from poise.kernels import between_stops, bounded_minimum, innovations, likely_colours, pendulum
 from poise.mismatch.effects import part_motion
 from poise.mismatch.inference import box, noise
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
@@ -61,15 +61,45 @@ def test_innovations_are_those_of_python(
         innovations(np.ones((2, N)), 1.0, seconds[1:], seconds, seconds, seconds)
 
 
-@pytest.mark.parametrize("gains", [1, 6])
-def test_squares_of_innovations_are_those_of_python(gains: int, rng: np.random.Generator) -> None:
-    values, gain = rng.normal(size=(N, 6)), rng.uniform(0.0, 1.0, (N, gains))
-    decay = rng.uniform(0.5, 1.0, N)
-    kalman = noise._stationary(gain, decay[:, None])[1]
-    found = innovation_squares(values, gain, kalman, decay)
-    np.testing.assert_allclose(found, noise._squares(values, gain, kalman, decay), rtol=1e-12)
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("channels", [1, 6])
+def test_the_likely_colours_are_those_of_python(moved: bool, channels: int, rng: np.random.Generator) -> None:
+    values = rng.normal(size=(N, channels)) + np.cumsum(rng.normal(size=(N, channels)), axis=0) * 0.05
+    speed, motion = rng.uniform(size=N), rng.uniform(size=(N, channels)) if moved else None
+    colours = rng.uniform(size=30), rng.uniform(size=30), rng.uniform(size=30), np.arange(30) % 4
+    decays = np.exp(-rng.uniform(0.005, 0.02, N) / np.array([0.04, 0.08, 0.16, 0.32])[:, None])
+    given = values, speed, motion, colours, decays, (np.full(channels, 0.2), np.full(channels, 3.0))
+    for one, other in zip(likely_colours(*given), noise._likely_colours(*given), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
     with pytest.raises(InputError):
-        innovation_squares(values, gain[1:], kalman, decay)
+        likely_colours(values, speed[1:], *given[2:])
+    values[5] = np.nan
+    assert (likely_colours(*given)[0] == -1).all()
+    assert (noise._likely_colours(*given)[0] == -1).all()
+
+
+@pytest.mark.parametrize("blocks", [None, 5])
+def test_whitened_means_are_those_of_python(
+    blocks: int | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = N // (blocks or 1)
+    seconds = np.cumsum(rng.uniform(0.005, 0.02, count))
+    colours = (NoiseColour(), NoiseColour(0.3, 0.2, 0.08), NoiseColour(1.0, 0.0, 0.32))
+    level = SignalNoise(np.array([0.1, 0.2, 3.0]), colours, seconds, rng.uniform(size=count), np.ones(3), np.ones(3))
+    values, counting = rng.normal(size=(N, 3, 7)), rng.uniform(size=count) < 0.8
+    channel, rows = np.arange(7) % 3, None if blocks is None else np.arange(count * blocks).reshape(count, blocks)
+    mean = values if rows is None else values[rows].mean(axis=1)
+    monkeypatch.setattr(noise, "COMPILED", False)
+    for given in (values, np.asfortranarray(values), values[:, :, ::-1]):
+        expected = level.whiten(mean[:, :, ::-1] if given.strides[2] < 0 else mean)[:, :, counting]
+        np.testing.assert_allclose(level.compiled(given, counting, rows), expected.reshape(7, -1), atol=1e-12)
+    expected = level.whiten(mean[:, 0], channel)[:, :, counting].reshape(7, -1)
+    np.testing.assert_allclose(level.compiled(values[:, 0], counting, rows, channel), expected, atol=1e-12)
+    for wrong in (values[:-1], values[:, :2]):
+        with pytest.raises(InputError):
+            level.compiled(wrong, counting, None)
+    with pytest.raises(InputError):
+        level.compiled(values[:, 0], counting, rows, channel + 1)
 
 
 def test_a_pendulum_swings_as_in_python(rng: np.random.Generator) -> None:

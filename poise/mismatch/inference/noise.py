@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
-from poise.kernels import COMPILED, innovation_squares, innovations
+from poise.kernels import COMPILED, WhiteningFilters, innovations, likely_colours
 from poise.mismatch.recorded import block_means, noise_level
 from poise.types import Array
 
@@ -91,6 +91,14 @@ class SignalNoise:
         return out
 
     @cached_property
+    def compiled(self) -> WhiteningFilters:
+        """The compiled filters, for samples or blocks of them."""
+        series = [[one.gain, *one.recursion] for one in self._filters]
+        plain = np.array([one.plain for one in self._filters], dtype=np.int64)
+        filters = np.array(series).swapaxes(0, 1)
+        return WhiteningFilters(1.0 / np.asarray(self.sigma), plain, np.ascontiguousarray(filters))
+
+    @cached_property
     def log_divisor(self) -> Array:
         """(N, C) logarithm of the divisor of a sample: minus it is a term of the log likelihood."""
         spread = np.stack([np.log(one.deviation) for one in self._filters], axis=1)
@@ -145,6 +153,11 @@ class _Innovation:
         self.deviation = np.sqrt(variance)
         self._weight = 1.0 / self.deviation
         self._band, self._drive = _recursion(gain, decay, kalman)
+
+    @property
+    def recursion(self) -> tuple[Array, Array, Array]:
+        """(N,) each: what is left of the state, what of a value enters it, and the weight of the innovation."""
+        return -self._band[1], self._drive, self._weight
 
     def __call__(self, values: Array, scale: float) -> None:
         """Replace signals (K, N) by the innovations of these signals times a factor."""
@@ -230,30 +243,51 @@ def _most_likely(start: SignalNoise, residual: Array, block: int, period: float)
     seconds, speed, values = (block_means(each, block)[rows] for each in (start.seconds, start.speed, residual))
     motion = None if start.motion is None else block_means(start.motion, block)[rows]
     level = start.sigma / np.sqrt(block)
-    n = len(values)
-    best = np.full(len(level), -np.inf)
-    colours, sigma = list(start.colours), level.copy()
     gap = np.diff(seconds, append=seconds[-1])
     gap[gap < 0.0] = np.inf
-    for floor, slope, tau in product(_FLOORS, _SLOPES, _TAUS):
-        if motion is None and floor == slope == 0.0 and tau != _TAUS[0]:
-            continue
-        kept = kept_share(block * period, tau)
-        grown = float(np.sqrt(kept * block))
-        moved = np.zeros((1, 1)) if motion is None else motion * kept / level**2
-        gain = _gain_of(grown * floor, grown * slope, speed, moved)
-        decay = np.exp(-gap / tau)[:, None]
+    moved = None if motion is None else motion / level**2
+    tried = [
+        (floor, slope, tau)
+        for floor, slope, tau in product(_FLOORS, _SLOPES, _TAUS)
+        if motion is not None or floor or slope or tau == _TAUS[0]
+    ]
+    bounds = (level / _EXCESS) ** 2, (level * _EXCESS) ** 2
+    kept = kept_share(block * period, np.array([tau for *_, tau in tried]))
+    grown = np.sqrt(kept * block)
+    floors, slopes = (grown * np.array([each[i] for each in tried]) for i in range(2))
+    course = np.array([_TAUS.index(tau) for *_, tau in tried])
+    decays = np.exp(-gap / np.array(_TAUS)[:, None])
+    best = likely_colours if COMPILED else _likely_colours
+    chosen, likely = best(values, speed, moved, (floors, slopes, kept, course), decays, bounds)
+    pairs = zip(chosen.tolist(), start.colours, strict=True)
+    colours = tuple(before if number < 0 else NoiseColour(*tried[number]) for number, before in pairs)
+    sigma = np.where(chosen < 0, level, np.sqrt(likely)) * np.sqrt(block)
+    return replace(start, sigma=sigma, colours=colours, share=_share(residual, sigma, start.share, block))
+
+
+def _likely_colours(
+    values: Array,
+    speed: Array,
+    motion: Array | None,
+    colours: tuple[Array, Array, Array, NDArray[np.int64]],
+    decays: Array,
+    bounds: tuple[Array, Array],
+) -> tuple[NDArray[np.int64], Array]:
+    """See `poise.kernels.likely_colours`."""
+    n, channels = values.shape
+    best, likely = np.full(channels, -np.inf), np.zeros(channels)
+    chosen = np.full(channels, -1)
+    for number, (floor, slope, share, course) in enumerate(zip(*colours, strict=True)):
+        gain = _gain_of(floor, slope, speed, np.zeros((1, 1)) if motion is None else share * motion)
+        decay = decays[course][:, None]
         variance, kalman = _stationary(gain, decay)
-        square = (innovation_squares if COMPILED else _squares)(values, gain, kalman, decay[:, 0])
-        log_variance = np.log(variance).sum(axis=0)
+        square = _squares(values, gain, kalman, decay[:, 0])
         # Most likely level for each candidate, kept near the level of neighbouring samples.
-        likely = np.clip(square / n, (level / _EXCESS) ** 2, (level * _EXCESS) ** 2)
-        loglik = -0.5 * (square / likely + n * np.log(likely)) - 0.5 * log_variance
-        for channel in np.flatnonzero(loglik > best):
-            best[channel], sigma[channel] = loglik[channel], np.sqrt(likely[channel])
-            colours[channel] = NoiseColour(floor, slope, tau)
-    sigma *= np.sqrt(block)
-    return replace(start, sigma=sigma, colours=tuple(colours), share=_share(residual, sigma, start.share, block))
+        level = np.clip(square / n, *bounds)
+        loglik = -0.5 * (square / level + n * np.log(level)) - 0.5 * np.log(variance).sum(axis=0)
+        better = loglik > best
+        best, likely, chosen = (np.where(better, *pair) for pair in ((loglik, best), (level, likely), (number, chosen)))
+    return chosen, likely
 
 
 def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
@@ -265,7 +299,7 @@ def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
 
 
 def _squares(values: Array, gain: Array, kalman: Array, decay: Array) -> Array:
-    """See `poise.kernels.innovation_squares`; channels that share their gain are filtered at once."""
+    """(K,) sums of squared innovations of values (N, K), in units of their variance; of one gain together."""
     if gain.shape[1] == 1:
         return _of_one_gain(values, gain[:, 0], kalman[:, 0], decay)
     each = [_of_one_gain(values[:, [c]], gain[:, c], kalman[:, c], decay) for c in range(gain.shape[1])]

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.kernels import COMPILED
 from poise.mismatch.effects import LAYERS, Effect, Values, limited_readings, within
 from poise.mismatch.inference.calibration import NORMAL_PRECISION, CalibrationGroup, calibration, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
@@ -235,7 +236,7 @@ class Problem:
         if known is not None:
             return known[1]
         channel = None if group.channel is None else group.channel[group.seen]
-        white = self._kept(self._judging.whiten(self._freed(group.values[..., group.seen], channel), channel))
+        white = self._white_of(group.values[..., group.seen], channel)
         if group.lasting:
             self._white[id(group)] = group, white
         return white
@@ -243,7 +244,7 @@ class Problem:
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
         wide = values if values.ndim == 3 else values[:, :, None]
-        kept = self._kept(self._judging.whiten(self._freed(wide)))
+        kept = self._white_of(wide)
         return kept[0] if values.ndim == 2 else kept
 
     def whitened_curve(self, columns: Array) -> Array:
@@ -255,11 +256,15 @@ class Problem:
         self._curves[:] = [*self._curves[1 - _CURVES :], (columns, white)]
         return white
 
-    def _freed(self, values: Array, channel: NDArray[np.intp] | None = None) -> Array:
-        """Averages of values (N, C, k), or (N, k) that act in one channel each, without the limited readings."""
+    def _white_of(self, values: Array, channel: NDArray[np.intp] | None = None) -> Array:
+        """(k, R) of values (N, C, k), or (N, k) that act in one channel each; limited readings do not count."""
         if self.limited is not None and len(values) == len(self.free):
             values = values * (self.free[:, :, None] if channel is None else self.free[:, channel])
-        return self._averaged(values)
+        if not COMPILED:
+            return self._kept(self._judging.whiten(self._averaged(values), channel))
+        whole = self.blocks is None or len(values) == len(self.blocks.rows)
+        rows = None if whole or self.blocks is None else self.blocks.rows
+        return self._judging.compiled(values, self._counting, rows, channel)
 
     def _averaged(self, values: Array) -> Array:
         """(M, ...) means over the blocks of values (N, ...); values of blocks, or without blocks, as they are."""
