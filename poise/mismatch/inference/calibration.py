@@ -69,6 +69,11 @@ class CalibrationGroup:
         return np.asarray(self.values.any(axis=tuple(range(self.values.ndim - 1))))
 
     @property
+    def alone(self) -> NDArray[np.intp]:
+        """(k,) the channel in which an error acts alone, -1 where it acts in all."""
+        return np.full(self.values.shape[-1], -1) if self.channel is None else self.channel
+
+    @property
     def bounds(self) -> Array:
         """(k,) half-widths of the priors."""
         return np.full(self.values.shape[-1], self.bound)

@@ -5,6 +5,7 @@ with `precision`, or uniform between plus and minus its `bound`. The square of a
 bounds. For the volume of the posterior a uniform prior counts as the normal one of its variance, bound^2 / 3.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,6 +18,8 @@ from poise.types import Array, Mask
 
 _ROUNDING = 1e-11
 """Relative, of sums over all samples."""
+_KEPT = 8_000_000
+"""Bytes of columns up to which those of each channel are kept as well."""
 _RIDGE = 0.01
 """Precision of a bounded coefficient in units of its bound: it selects the smallest where the data do not determine
 it. At the bound it costs 0.005 of log likelihood."""
@@ -33,6 +36,8 @@ class WhitenedRegression:
         target: (R,) whitened residual.
         bound: (k,) half-width of uniform priors about zero; infinite for normal ones.
         near: (k,) the most likely coefficients of a similar regression.
+        channel: (k,) the channel in which a column acts alone; -1: in all. None: not known.
+        channels: of the data.
     """
 
     columns: Array
@@ -41,6 +46,8 @@ class WhitenedRegression:
     target: Array
     bound: Array | float = np.inf
     near: Array | None = None
+    channel: NDArray[np.intp] | None = None
+    channels: int = 1
 
     @cached_property
     def bounds(self) -> Array:
@@ -49,7 +56,38 @@ class WhitenedRegression:
 
     @cached_property
     def _normal(self) -> Array:
-        return np.asarray(self.columns @ self.columns.T)
+        normal = np.zeros((len(self.columns), len(self.columns)))
+        for rows, _, part in self._parts if self._small else self._taken():
+            normal[rows[:, None], rows] += part @ part.T
+        return normal
+
+    @property
+    def _small(self) -> bool:
+        return self.columns.nbytes < _KEPT
+
+    @cached_property
+    def _parts(self) -> list[tuple[NDArray[np.intp], slice, Array]]:
+        return list(self._taken())
+
+    def _taken(self) -> Iterator[tuple[NDArray[np.intp], slice, Array]]:
+        """Of each channel the columns that act there, with their rows and samples: most act in one channel alone."""
+        if self.channel is None:
+            yield np.arange(len(self.columns)), slice(None), self.columns
+            return
+        length = self.columns.shape[1] // self.channels
+        for number in range(self.channels):
+            rows = np.flatnonzero((self.channel < 0) | (self.channel == number))
+            place = slice(number * length, (number + 1) * length)
+            yield rows, place, self.columns[rows, place]
+
+    def _across(self, others: Array) -> Array:
+        """(k, m) products with other columns (m, R)."""
+        if not self._small:
+            return np.asarray(self.columns @ others.T)
+        products = np.zeros((len(self.columns), len(others)))
+        for rows, place, part in self._parts:
+            products[rows] += part @ others[:, place].T
+        return products
 
     @cached_property
     def _factor(self) -> Array:
@@ -68,7 +106,7 @@ class WhitenedRegression:
     @cached_property
     def right(self) -> Array:
         """(k,) minus the slope of half the square at zero coefficients."""
-        return np.asarray(self.columns @ self.target + self.penalty * self.mean)
+        return self._across(self.target[None])[:, 0] + self.penalty * self.mean
 
     @cached_property
     def _solved(self) -> Array:
@@ -102,7 +140,7 @@ class WhitenedRegression:
 
     def project(self, extra: Array) -> "ProjectedColumns":
         """Further columns (m, R) beside these."""
-        across = self.columns @ extra.T
+        across = self._across(extra)
         half = solve_triangular(self._factor, across, lower=True)
         whole = extra @ extra.T
         # Known columns cancel up to the rounding of large numbers: this much is not known.
@@ -113,18 +151,26 @@ class WhitenedRegression:
         self, extra: Array, precision: Array, mean: Array, bound: Array | float = np.inf
     ) -> "WhitenedRegression":
         """With further columns that every later hypothesis includes."""
-        return WhitenedRegression(
+        made = WhitenedRegression(
             np.vstack([self.columns, extra]),
             np.concatenate([self.precision, precision]),
             np.concatenate([self.mean, mean]),
             self.target,
             np.concatenate([self.bounds, np.broadcast_to(bound, mean.shape)]),
+            channel=None if self.channel is None else np.append(self.channel, np.full(len(extra), -1)),
+            channels=self.channels,
         )
+        across = self._across(extra)
+        made.__dict__["_normal"] = np.block([[self._normal, across], [across.T, extra @ extra.T]])
+        return made
 
     def with_target(self, target: Array) -> "WhitenedRegression":
         """These columns with another residual (R,); their products are reused."""
-        made = WhitenedRegression(self.columns, self.precision, self.mean, target, self.bounds, self._solved)
+        known = (self.columns, self.precision, self.mean, target, self.bounds, self._solved)
+        made = WhitenedRegression(*known, self.channel, self.channels)
         made.__dict__.update(_normal=self._normal, _factor=self._factor, curvature=self.curvature)
+        if self._small:
+            made.__dict__["_parts"] = self._parts
         return made
 
 

@@ -228,7 +228,9 @@ class Problem:
         bound = np.concatenate([group.bounds for group in groups])[keep]
         precision = np.where(np.isfinite(bound), 3.0 / bound**2, NORMAL_PRECISION)
         target = self.whiten(self.measured - self.predicted(recorded))
-        return WhitenedRegression(white, precision, np.zeros(len(bound)), target, bound)
+        channel = np.concatenate([group.alone for group in groups])[keep]
+        rest = np.zeros(len(bound)), target, bound
+        return WhitenedRegression(white, precision, *rest, channel=channel, channels=self.measured.shape[1])
 
     def _whitened(self, group: CalibrationGroup) -> Array:
         """(k, R) columns of the errors that have a response; groups of the motion alone are kept."""
