@@ -64,6 +64,9 @@ class LazyGroup(TyperGroup):
 def load_command(name: str) -> Any:
     """Import a subcommand and build its parser."""
     module = importlib.import_module(f"poise.commands.{COMMANDS[name][0]}")
+    if not gc.isenabled():
+        gc.freeze()  # modules stay: they are not searched for cycles
+        gc.enable()
     function = getattr(module, name)
     single = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
     single.command(name, context_settings=getattr(module, "CONTEXT_SETTINGS", None))(function)
@@ -148,6 +151,7 @@ def main() -> None:
     # Before numpy is imported: matrices are small here, and threads that wait for each other cost more than they do.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(20_000)  # arrays are no cycles; looking for them took 5 % of a diagnosis
+    gc.disable()  # until the command is imported
     sys.exit(run(sys.argv[1:]))
 
 
