@@ -28,7 +28,7 @@ _RUN_UP, _RUN_OUT = 0.4, 0.1
 _FEWEST_FREE = 100
 """Readings within the sensor's range that show the noise of a channel."""
 _LEAST_SETTLED = 0.5
-"""Share of the samples that must lie outside the knocks of a part."""
+"""Share of the samples outside the knocks of a part below which these fill its response, and count."""
 BRIEF, _BESIDE = 0.3, 0.2
 """Share of a recording within which an event is brief; s on its sides that are left out with it."""
 _BEST_MODEL = 0.002
@@ -188,10 +188,7 @@ class Problem:
         return [before[index] for index in range(len(parts))], recorded
 
     def settled(self, parts: Sequence[FittedEffect]) -> Mask:
-        """(N,) samples outside the windows in which a part's response is known only roughly.
-
-        A part for which hardly any are left is judged by all: its knocks are all that it does.
-        """
+        """(N,) samples outside the knocks of each part whose response they do not fill."""
         keep = np.ones(len(self.seconds), dtype=bool)
         for part, recorded in zip(parts, self.compose(parts)[0], strict=True):
             outside = ~within(self.seconds, part.effect.unsettled(recorded, part.values))
