@@ -153,6 +153,7 @@ class Effect(ABC):
             against it.
         varies: by its nature its size changes with time or place, which is then not against it.
         free_course: of an event: splines fit its time course, so that one half of it does not predict the other.
+        rough: its starting points may explain little of what a fit from them explains: it is fitted in any case.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
             An answer never names an effect beside one that contains it.
         general: it can imitate several other effects; where it does no better, one of them is the answer.
@@ -186,6 +187,7 @@ class Effect(ABC):
     varies: ClassVar[bool] = False
     lacks: ClassVar[float] = 0.0
     free_course: ClassVar[bool] = False
+    rough: ClassVar[bool] = False
     made_of: ClassVar[tuple[str, ...]] = ()
     general: ClassVar[bool] = False
     most: ClassVar[int] = 1

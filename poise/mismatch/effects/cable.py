@@ -45,6 +45,7 @@ class Cable(Effect):
     excited_by = "moving the tool away from and around the anchor"
     separating_motion = "circle the anchor at a constant distance, then move towards and away from it"
     confused_with = ("world_force", "payload_parameters", "joint_offset")
+    rough = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         place, _ = _hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})

@@ -85,7 +85,8 @@ def _screened(
         done = each
         if not isinstance(each.effect, FreeCurve):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-            if nonlinear and each.potential > least and not limit.over():
+            promising = each.effect.rough or each.potential > least
+            if nonlinear and promising and not limit.over():
                 done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
             if each.effect.implausible(recorded, done.values):
                 done = replace(done, gain=-np.inf)

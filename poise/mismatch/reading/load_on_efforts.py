@@ -33,7 +33,7 @@ class _OnEfforts(Effect):
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
         words = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with")
-        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
+        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies", "rough")
         vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks", "most", "turn")})
         vars(self)["needs"] = ("joints", "effort")
 
