@@ -33,8 +33,8 @@ class _OnEfforts(Effect):
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
         words = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with")
-        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies", "rough")
-        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks", "most", "turn")})
+        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
+        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks", "most", "rough", "turn")})
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
