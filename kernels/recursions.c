@@ -1,32 +1,7 @@
-/* Recursions from sample to sample; in Python: inference/noise.py and effects/part_motion.py of poise/mismatch. */
+/* Recursions from sample to sample; in Python: effects/part_motion.py of poise/mismatch. */
 #include <math.h>
 
 #include "poise_kernels.h"
-
-enum { LANES = 4 };
-
-/* Some signals, `stride` apart, become their innovations; they are filtered at once, because each waits for itself. */
-static inline void innovate(int lanes, int64_t n, int64_t stride, double *values, double scale, const double *gain,
-                            const double *fade, const double *drive, const double *weight) {
-  double state[LANES] = {0.0};
-  for (int64_t i = 0; i < n; i++)
-    for (int lane = 0; lane < lanes; lane++) {
-      double *at = values + lane * stride + i;
-      const double value = *at * scale;
-      *at = (value - gain[i] * state[lane]) * weight[i];
-      state[lane] = fade[i] * state[lane] + drive[i] * value;
-    }
-}
-
-/* Signals (rows, n), `stride` apart, times `scale` become the innovations of white and coloured noise, in place. All
-   other arrays (n,): of the state gain, what is left of it, what of a value enters it; weight of the innovation. */
-POISE_EXPORT void poise_innovations(int64_t rows, int64_t n, int64_t stride, double *values, double scale,
-                                    const double *gain, const double *fade, const double *drive, const double *weight) {
-  int64_t row = 0;
-  for (; row + LANES <= rows; row += LANES)
-    innovate(LANES, n, stride, values + row * stride, scale, gain, fade, drive, weight);
-  for (; row < rows; row++) innovate(1, n, stride, values + row * stride, scale, gain, fade, drive, weight);
-}
 
 /* Positions (n, 3) on the unit sphere under drives and turns (n, 3); `start` (6,): at the first step and before it. */
 POISE_EXPORT void poise_pendulum(int64_t n, const double *start, const double *drive, const double *turn, double half,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from poise.kernels.merging import merged_clusters
     from poise.kernels.neighbours import nearest_of, side_averages, tetrahedra_of
     from poise.kernels.records import find_records
-    from poise.kernels.recursions import between_stops, innovations, pendulum, rope
+    from poise.kernels.recursions import between_stops, pendulum, rope
     from poise.kernels.robust import robust_fit
     from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.slips import first_slips
@@ -57,7 +57,6 @@ __all__ = [
     "clustered_points",
     "find_records",
     "first_slips",
-    "innovations",
     "likely_colours",
     "matched_places",
     "merged_clusters",
@@ -92,7 +91,6 @@ _FILES = {
     "clustered_points": "clusters",
     "find_records": "records",
     "between_stops": "recursions",
-    "innovations": "recursions",
     "pendulum": "recursions",
     "rope": "recursions",
     "first_slips": "slips",

@@ -34,7 +34,6 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     ),
     "poise_robust_fit": (_INT, [_INT, _INT, *[_POINTER] * 4, ctypes.c_double, _INT, *[_POINTER] * 3]),
     "poise_box_minimum": (_INT, [_INT, *[_POINTER] * 6]),
-    "poise_innovations": (None, [_INT, _INT, _INT, _POINTER, ctypes.c_double, *[_POINTER] * 4]),
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
     "poise_rope": (
         None,

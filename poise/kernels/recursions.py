@@ -1,4 +1,4 @@
-"""Recursions from sample to sample: innovations of coloured noise, a pendulum, a rope, and a part between stops."""
+"""Recursions from sample to sample: a pendulum, a rope, and a part between stops."""
 
 import numpy as np
 
@@ -9,29 +9,6 @@ from poise.types import Array
 
 _MOST_LINKS = 16
 """MOST_LINKS in kernels/recursions.c."""
-
-
-def innovations(signals: Array, scale: float, gain: Array, fade: Array, drive: Array, weight: Array) -> None:
-    """Replace signals (K, N) by the innovations of white and coloured noise; needs `COMPILED`.
-
-    Args:
-        signals: rows in time; they may stand apart from each other. Changed.
-        scale: factor on the signals.
-        gain, fade, drive, weight: (N,) of the state in a sample, what is left of it at the next one, what of a value
-            enters it, and of the innovation.
-
-    Raises:
-        InputError: TYPE_MISMATCH for other arrays.
-    """
-    rows, count = signals.shape
-    if not rows:
-        return
-    step, along = signals.strides
-    if signals.dtype != np.float64 or along != signals.itemsize or step % signals.itemsize:
-        raise InputError(ErrorCode.TYPE_MISMATCH, "signals are rows of doubles")
-    series = [contiguous(each, count, what="a series") for each in (gain, fade, drive, weight)]
-    first = signals.ctypes.data
-    library.poise_innovations(rows, count, step // signals.itemsize, first, scale, *map(address, series))
 
 
 def pendulum(start: Array, drive: Array, turn: Array, half: float) -> Array:

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from poise.errors import InputError
-from poise.kernels import between_stops, bounded_minimum, innovations, likely_colours, pendulum
+from poise.kernels import between_stops, bounded_minimum, likely_colours, pendulum
 from poise.mismatch.effects import part_motion
 from poise.mismatch.inference import box, noise
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
@@ -41,24 +41,20 @@ def test_the_least_inside_bounds_is_that_of_python(
 
 
 @pytest.mark.parametrize("signals", [1, 4, 7])
-def test_innovations_are_those_of_python(
-    signals: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_innovations_are_those_of_python(signals: int, rng: np.random.Generator) -> None:
     seconds = np.cumsum(rng.uniform(0.005, 0.02, N))
     colours = (NoiseColour(), NoiseColour(0.3, 0.2, 0.08), NoiseColour(1.0, 0.0, 0.32))
     level = SignalNoise(np.array([0.1, 0.2, 3.0]), colours, seconds, rng.uniform(size=N), np.ones(3), np.ones(3))
     values = rng.normal(size=(N, 3, signals))
-    channel = np.arange(signals) % 3
-    found = []
-    for compiled in (True, False):
-        monkeypatch.setattr(noise, "COMPILED", compiled)
-        found.append((level.whiten(values), level.whiten(values[:, 0], channel)))
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    channel, counting = np.arange(signals) % 3, np.ones(N, dtype=bool)
+    found = level.compiled(values, counting, None), level.compiled(values[:, 0], counting, None, channel)
+    expected = level.whiten(values), level.whiten(values[:, 0], channel)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other.reshape(signals, -1), rtol=1e-12, atol=1e-12)
     with pytest.raises(InputError):
-        innovations(values[:, 0].T, 1.0, seconds, seconds, seconds, seconds)  # columns, not rows
+        level.compiled(values[:, 0].T, counting, None, channel)  # rows, not columns
     with pytest.raises(InputError):
-        innovations(np.ones((2, N)), 1.0, seconds[1:], seconds, seconds, seconds)
+        level.compiled(values, counting[1:], None)
 
 
 @pytest.mark.parametrize("moved", [False, True])
@@ -79,9 +75,7 @@ def test_the_likely_colours_are_those_of_python(moved: bool, channels: int, rng:
 
 
 @pytest.mark.parametrize("blocks", [None, 5])
-def test_whitened_means_are_those_of_python(
-    blocks: int | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whitened_means_are_those_of_python(blocks: int | None, rng: np.random.Generator) -> None:
     count = N // (blocks or 1)
     seconds = np.cumsum(rng.uniform(0.005, 0.02, count))
     colours = (NoiseColour(), NoiseColour(0.3, 0.2, 0.08), NoiseColour(1.0, 0.0, 0.32))
@@ -89,7 +83,6 @@ def test_whitened_means_are_those_of_python(
     values, counting = rng.normal(size=(N, 3, 7)), rng.uniform(size=count) < 0.8
     channel, rows = np.arange(7) % 3, None if blocks is None else np.arange(count * blocks).reshape(count, blocks)
     mean = values if rows is None else values[rows].mean(axis=1)
-    monkeypatch.setattr(noise, "COMPILED", False)
     for given in (values, np.asfortranarray(values), values[:, :, ::-1]):
         expected = level.whiten(mean[:, :, ::-1] if given.strides[2] < 0 else mean)[:, :, counting]
         np.testing.assert_allclose(level.compiled(given, counting, rows), expected.reshape(7, -1), atol=1e-12)

@@ -12,7 +12,6 @@ from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
-    HELD_OUT_EXCESS,
     WARM_STEPS,
     EffectCandidate,
     HeldOutProof,
@@ -22,6 +21,7 @@ from poise.mismatch.inference import (
     ProvenModel,
     TimeLimit,
     fit,
+    found_in_efforts,
     held_out,
     improved,
     names,
@@ -30,7 +30,6 @@ from poise.mismatch.inference import (
     replacements,
     residual_of,
     search,
-    searched_again,
     tail,
     variations,
 )
@@ -154,7 +153,7 @@ def _with_rivals(
 ) -> tuple[_Proven, tuple[dict[str, EffectCandidate], ...]]:
     """The proven model after better effects took the place of its own, and what each effect wins in each place."""
     found = _proven(state, best, seen, held)
-    if seen.signal == "effort" and found[0].dropped:
+    if seen.signal == "effort":
         found = _without_refused(state, found, seen, held)
     if not rivals:
         return found, tuple({} for _ in found[0].fit.parts)
@@ -179,9 +178,9 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     """
     events = frozenset(each.name for each in state.library if each.free_course)
     refused: set[str] = set()
-    while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].within_noise):
+    while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].excess <= 0.0):
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
-        best = searched_again(state, refused)
+        best = found_in_efforts(state, refused)
         if set(names(best)) <= set(names(found[0].fit)):
             continue
         tried = _proven(state, best, seen, held)
@@ -229,6 +228,6 @@ def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | floa
 
 def _misfit(proof: HeldOutProof, excess: float) -> float:
     """Share of the nominal model's error that an answer leaves; all of it where no sample was held out to show it."""
-    left = np.max([proof.augmented**2 - 1.0 - HELD_OUT_EXCESS, excess, 0.0])  # NaN stays
+    left = np.max([proof.excess, excess, 0.0])  # NaN stays
     misfit = float(left) / max(proof.in_range**2 - 1.0, _LEAST)
     return min(misfit, 1.0) if np.isfinite(misfit) else 1.0

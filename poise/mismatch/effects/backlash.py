@@ -10,7 +10,7 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers
 from poise.mismatch.effects.knocks import knocks_at
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.recorded import EffortTrack, RecordedMotion, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 _LOUD, _KNOCK = 1.1, 6.0
@@ -99,8 +99,8 @@ class Backlash(Effect):
         How hard a knock is depends on the rotor, which recoils between two samples.
         """
         track, column = efforts(recorded), column_of(recorded, nonlinear["joint"])
-        inertia, push = track.by_acceleration[:, :, column], _push(track, column)
-        beyond, _, second = between_stops(track.seconds, push, nonlinear["gap"], nonlinear["settling"])
+        push, (beyond, _, second) = _free_link(recorded, nonlinear)
+        inertia = track.by_acceleration[:, :, column]
         knock = second - push * (np.abs(beyond) < 0.5 * nonlinear["gap"])
         whole = inertia * second[:, None] + track.by_position[:, :, column] * beyond[:, None]
         own = np.arange(whole.shape[1]) == column
@@ -109,10 +109,8 @@ class Backlash(Effect):
 
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """The knocks: when they come depends on the speed at which a small torque changes its sign."""
-        track, gap, settling = efforts(recorded), values["gap"], values["settling"]
-        push = _push(track, column_of(recorded, values["joint"]))
-        beyond, speed, _ = between_stops(track.seconds, push, gap, settling)
-        return knocks_at(track.seconds, beyond, speed, push, gap, settling)
+        push, (beyond, speed, _) = _free_link(recorded, values)
+        return knocks_at(efforts(recorded).seconds, beyond, speed, push, values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         low, high = _gaps(recorded, values["joint"])
@@ -129,9 +127,11 @@ class Backlash(Effect):
         )
 
 
-def _push(track: EffortTrack, column: int) -> Array:
-    """(M,) acceleration of a free link relative to its motor."""
-    return np.asarray(-track.rigid[:, column] / np.maximum(track.by_acceleration[:, column, column], 1e-6))
+def _free_link(recorded: RecordedMotion, values: Values) -> tuple[Array, tuple[Array, Array, Array]]:
+    """(M,) acceleration of a free link relative to its motor; and how it moves in the gap, see `between_stops`."""
+    track, column = efforts(recorded), column_of(recorded, values["joint"])
+    push = np.asarray(-track.rigid[:, column] / np.maximum(track.by_acceleration[:, column, column], 1e-6))
+    return push, between_stops(track.seconds, push, values["gap"], values["settling"])
 
 
 def _slides(recorded: RecordedMotion, joint: float) -> bool:

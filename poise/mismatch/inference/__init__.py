@@ -10,13 +10,13 @@ from poise.mismatch.inference.fitting import (
     linearization_point,
     refine,
 )
-from poise.mismatch.inference.heldout import HELD_OUT_EXCESS, HeldOutProof, held_out, relative_error, tail
+from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
 from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, NEAR_SHARE, improved, replacements
-from poise.mismatch.inference.search import search, searched_again
+from poise.mismatch.inference.search import found_in_efforts, search
 from poise.mismatch.inference.standstill import beside_stuck_joints
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
@@ -30,7 +30,6 @@ from poise.mismatch.inference.variations import Variation, variations
 
 __all__ = [
     "EQUAL_EVIDENCE",
-    "HELD_OUT_EXCESS",
     "LOOKALIKE",
     "MATERIAL_EXCESS",
     "NEAR_SHARE",
@@ -57,6 +56,7 @@ __all__ = [
     "effort_sizes",
     "exceeds_tolerance",
     "fit",
+    "found_in_efforts",
     "held_out",
     "improved",
     "linear_bspline_basis",
@@ -69,7 +69,6 @@ __all__ = [
     "replacements",
     "residual_of",
     "search",
-    "searched_again",
     "state_description",
     "tail",
     "variations",

@@ -15,7 +15,7 @@ _STEPS = 4
 """Steps of the fit without the held-out samples, which starts from the fit with them."""
 _EQUAL = 1e-3
 """Relative difference up to which errors are equal."""
-HELD_OUT_EXCESS = 0.15
+_ALLOWED = 0.15
 """Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them."""
 _TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
@@ -53,9 +53,9 @@ class HeldOutProof:
         return self.augmented > (1.0 + _EQUAL) * self.in_range
 
     @property
-    def within_noise(self) -> bool:
-        """Whether the effects leave no more than noise."""
-        return self.augmented**2 <= 1.0 + HELD_OUT_EXCESS
+    def excess(self) -> float:
+        """Energy that the effects leave above that which noise may have; NaN where no sample was held out."""
+        return self.augmented**2 - 1.0 - _ALLOWED
 
 
 def relative_error(error: Array, signal: Array) -> Array:

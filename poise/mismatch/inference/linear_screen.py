@@ -115,15 +115,15 @@ class _Screen:
             recorded = self._problem.recorded
             left = self._problem.unexplained(self._problem.predicted(self._problem.compose(beside)[1]))
         for effect in effects:
-            linear = [p for p in effect.parameters(recorded) if p.linear] or [_SCALE]
+            own = [p for p in effect.parameters(recorded) if p.linear]
+            linear = own or [_SCALE]
             lower = np.array([max(p.lower, p.low) for p in linear])
             upper = np.array([p.high for p in linear])
             precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
             for start in effect.starts(recorded, left):
                 if general and not effect.general_at(start):
                     continue
-                scaled = linear == [_SCALE]
-                columns = effect.simulate(recorded, start)[:, :, None] if scaled else effect.columns(recorded, start)
+                columns = effect.columns(recorded, start) if own else effect.simulate(recorded, start)[:, :, None]
                 columns = columns if beside is None else np.asarray(columns[self._groups].mean(axis=1))
                 columns = columns * self._free[:, :, None]
                 event = effect.free_course or brief(effect, recorded, start)

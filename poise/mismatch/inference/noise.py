@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
-from poise.kernels import COMPILED, WhiteningFilters, innovations, likely_colours
+from poise.kernels import COMPILED, WhiteningFilters, likely_colours
 from poise.mismatch.recorded import block_means, noise_level
 from poise.types import Array
 
@@ -92,7 +92,7 @@ class SignalNoise:
 
     @cached_property
     def compiled(self) -> WhiteningFilters:
-        """The compiled filters, for samples or blocks of them."""
+        """`whiten`, compiled, for samples or blocks of them."""
         series = [[one.gain, *one.recursion] for one in self._filters]
         plain = np.array([one.plain for one in self._filters], dtype=np.int64)
         filters = np.array(series).swapaxes(0, 1)
@@ -161,9 +161,6 @@ class _Innovation:
 
     def __call__(self, values: Array, scale: float) -> None:
         """Replace signals (K, N) by the innovations of these signals times a factor."""
-        if COMPILED and not self.plain:
-            innovations(values, scale, self.gain, -self._band[1], self._drive, self._weight)
-            return
         values *= scale
         if self.plain or not len(values):  # without columns, dtbtrs writes beyond its arrays
             return

@@ -176,7 +176,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             # What fails by itself is no stronger effect, beside which another one is faint.
             strongest = max((proof.support for proof in proofs), default=0.0)
             lacking = [
-                faint(part.effect, proof, strongest) or _detail_of_friction(state, whole, part, proof)
+                faint(part.effect, proof, strongest) or _detail_of_friction(state, problem, whole, part, proof)
                 for part, proof in zip(whole.parts, proofs, strict=True)
             ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -210,7 +210,7 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     ):
         return "the odometry of the base may be wrong by as much"
     windows = part.effect.windows(recorded, part.values)
-    stays = bool(windows) and any(end >= recorded.seconds[-1] for _, end in windows)
+    stays = any(end >= recorded.seconds[-1] for _, end in windows)
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
     if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
@@ -238,7 +238,9 @@ def faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
 
 
-def _detail_of_friction(state: HypothesisSearch, whole: HypothesisFit, part: FittedEffect, proof: EffectProof) -> str:
+def _detail_of_friction(
+    state: HypothesisSearch, problem: Problem, whole: HypothesisFit, part: FittedEffect, proof: EffectProof
+) -> str:
     """Why a friction of a model may be a detail of another one's law; "" where it is not.
 
     Either may explain most of what both explain, so that neither has much evidence beside the other: it is compared
@@ -247,7 +249,7 @@ def _detail_of_friction(state: HypothesisSearch, whole: HypothesisFit, part: Fit
     others = [other for other in whole.parts if other is not part and other.effect.dry and part.effect.dry]
     if not any(alike(part.effect, other.effect) for other in others):
         return ""
-    won = whole.log_evidence - state.fitted(state.under(whole), (), 0).log_evidence
+    won = whole.log_evidence - state.fitted(problem, (), 0).log_evidence
     if proof.support >= _LEAST_OF_FRICTION * won:
         return ""
     return f"its evidence, {proof.support:.0f} of {won:.0f} nats, may come from the law of another friction"

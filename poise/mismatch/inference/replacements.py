@@ -47,9 +47,9 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
     for part in found.parts:
         others = [other for other in found.parts if other is not part]
         beside_it = {other.effect.name for other in others}
-        taken = beside_it.union(*(other.effect.made_of for other in others))
+        # One of its kind may be beside it.
+        taken = beside_it.union(*(other.effect.made_of for other in others)) - {part.effect.name}
         # An effect is never named beside one that contains it.
-        taken -= {part.effect.name}  # beside another one of its kind
         free = [each for each in state.library if each.name not in taken and not beside_it & set(each.made_of)]
         free = [each for each in free if others or _near(state, part, each)]
         candidates = {each.effect.name: each for each in beside(problem, others, free, state.limit, part)}

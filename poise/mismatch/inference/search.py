@@ -60,7 +60,7 @@ def search(
     best = fit(state.judging, ())
     state.offer(best)
     if problem.signal == "effort":
-        return state, _together(state, screened(problem, effects))
+        return state, found_in_efforts(state)
     for number in range(_MOST_PARTS):
         if state.limit.over():
             break
@@ -80,11 +80,11 @@ def search(
     return state, _or_one_unknown(state, _pruned(state, best), effects)
 
 
-def searched_again(state: HypothesisSearch, refused: Collection[str]) -> HypothesisFit:
-    """The best model of joint efforts without some effects: those in whose place they were chosen have their turn.
+def found_in_efforts(state: HypothesisSearch, refused: Collection[str] = ()) -> HypothesisFit:
+    """The best model of joint efforts; without refused effects, those in whose place they were chosen have their turn.
 
     Args:
-        state: of the search, to which the hypotheses are offered. refused: effects without proof.
+        state: of the search, to which the hypotheses are offered. refused: names of effects without proof.
     """
     effects = [each for each in state.library if each.name not in refused and not isinstance(each, FreeCurve)]
     return _together(state, screened(state.problem, effects))
