@@ -172,5 +172,6 @@ def test_an_effect_that_is_contradicted_is_no_unknown_physics_where_the_rest_is_
 def test_one_joint_cannot_distinguish_its_zero_from_a_tilted_base():
     effect = effect_named("joint_offset")
     assert effect is not None
-    assert effect.twins({"offset_1": 0.02}) == ("base_tilt",)
-    assert effect.twins({"offset_1": 0.02, "offset_2": 0.0}) == ()
+    recorded = make_case(3, duration=5.0).recorded()
+    assert effect.twins(recorded, {"offset_1": 0.02}) == ("base_tilt",)
+    assert effect.twins(recorded, {"offset_1": 0.02, "offset_2": 0.0}) == ()

@@ -4,9 +4,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
+from cases import make_case
 
 from poise.mismatch.answer.belief import EffectBelief, beliefs, rival_odds
+from poise.mismatch.answer.named import equals
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import EffectCandidate, EffectProof, FittedEffect, HypothesisFit, ProvenModel, Variation
 
@@ -14,7 +17,7 @@ from poise.mismatch.inference import EffectCandidate, EffectProof, FittedEffect,
 def beliefs_of(
     names: tuple[str, ...],
     excess: float,
-    beside: str = "",
+    equals: tuple[str, ...] = (),
     instead: dict[str, EffectCandidate] | None = None,
     suspects: frozenset[str] = frozenset(),
 ) -> tuple[EffectBelief, ...]:
@@ -24,15 +27,35 @@ def beliefs_of(
     fit = cast(HypothesisFit, SimpleNamespace(parts=parts))
     model = ProvenModel(fit, (proof,) * len(parts), (), {})
     steady = [Variation("time", 0.0)] * len(parts)
-    return beliefs(model, [instead or {} for _ in parts], steady, 0.04, [beside] * len(parts), suspects)
+    return beliefs(model, [instead or {} for _ in parts], steady, 0.04, [equals] * len(parts), suspects)
+
+
+@pytest.mark.parametrize("rival", ["unknown:time", "cable"])
+def test_a_rival_that_is_as_likely_by_rule_shares_with_a_name(rival: str) -> None:
+    (alone,), (found,) = beliefs_of(("contact",), 20.0), beliefs_of(("contact",), 20.0, (rival,))
+    assert alone.probability > 0.9
+    assert found.probability < 0.5
+    assert found.rivals[:1] == ((rival, found.probability),)
 
 
 @pytest.mark.parametrize(("name", "shares"), [("contact", True), ("sensor_bias", False)])
-def test_an_event_that_follows_anything_shares_with_the_unknown_effect_beside_it(name: str, shares: bool) -> None:
-    (alone,), (found,) = beliefs_of((name,), 20.0), beliefs_of((name,), 20.0, "time")
-    assert alone.probability > 0.9
-    assert (found.probability < 0.5) == shares
-    assert (found.rivals[:1] == (("unknown:time", found.probability),)) == shares
+def test_an_event_that_follows_anything_is_as_likely_as_the_unknown_effect_beside_it(name: str, shares: bool) -> None:
+    effect, recorded = effect_named(name), make_case(3, duration=5.0).recorded()
+    assert effect is not None
+    values = {p.name: p.from_unit(0.5) if not p.linear else 0.0 for p in effect.parameters(recorded)}
+    assert (equals(FittedEffect(effect, values), recorded, "time") == {"unknown:time"}) == shares
+
+
+@pytest.mark.parametrize(("rest", "twins"), [(0.5, ()), (0.999, ("contact",))])
+def test_a_cord_that_is_hardly_ever_taut_may_be_a_contact(rest: float, twins: tuple[str, ...]) -> None:
+    cable, recorded = effect_named("cable"), make_case(3, duration=5.0).recorded()
+    assert cable is not None
+    anchor = recorded.position_in_world.mean(axis=0) + np.array([0.3, 0.4, 1.5])
+    longest = float(np.linalg.norm(anchor - recorded.position_in_world, axis=1).max())
+    cord = {"rest_length": rest * longest, "stiffness": 30.0}
+    cord |= dict(zip(("anchor_x", "anchor_y", "anchor_z"), anchor.tolist(), strict=True))
+    values = {p.name: 0.0 for p in cable.parameters(recorded)} | cord
+    assert cable.twins(recorded, values) == twins
 
 
 @pytest.mark.parametrize(("excess", "shares"), [(-0.03, True), (12.0, False)])

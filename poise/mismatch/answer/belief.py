@@ -110,7 +110,7 @@ def beliefs(
     instead: Sequence[Mapping[str, EffectCandidate]],
     varied: Sequence[Variation],
     misfit: float,
-    beside: Sequence[str],
+    equals: Sequence[Collection[str]],
     suspects: frozenset[str] = frozenset(),
 ) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
@@ -124,11 +124,12 @@ def beliefs(
         instead: for each part, what the effects of the library win in its place.
         varied: the strongest variation of each part.
         misfit: share of the error of the nominal model that the answer leaves above the noise.
-        beside: for each part, the state on which an unknown effect depends that may stand in its place; "" without one.
+        equals: for each part, the twins of the effect (see `Effect.twins`) and the unknown effect that may stand in the
+            place of an event of free course.
         suspects: effects that another signal of the recording supports without proof, where that one stays unexplained:
             those that are confused with a name are as likely.
     """
-    parts = zip(model.fit.parts, model.proofs, instead, varied, beside, strict=True)
+    parts = zip(model.fit.parts, model.proofs, instead, varied, equals, strict=True)
     return tuple(_belief(model, *each, misfit, suspects) for each in parts)
 
 
@@ -138,7 +139,7 @@ def _belief(
     proof: EffectProof,
     candidates: Mapping[str, EffectCandidate],
     variation: Variation,
-    beside: str,
+    equals: Collection[str],
     misfit: float,
     suspects: frozenset[str],
 ) -> EffectBelief:
@@ -156,14 +157,14 @@ def _belief(
     if curve and name in candidates:
         missing = 1.0 - candidates[name].drop / max(candidates[curve].drop, 1e-9)
         odds[curve] *= min(max(missing / _LAW, 0.0), 1.0)
-    ruled = _equal_by_rule(model, part, proof, beside) | suspects & set(part.effect.confused_with)
+    ruled = set(equals) | _equal_in_answer(model, part, proof) | suspects & set(part.effect.confused_with)
     ruled |= {curve} if curve and _far_better(gains[curve], own, misfit) else set()
     if any(effect_named(rival) is None for rival in ruled):
         odds.pop(curve, None)
     odds |= dict.fromkeys(ruled, 1.0)
     same = {rival for rival in odds if rival in candidates and candidates[rival].same}
     odds |= dict.fromkeys(same, 1.0)
-    larger = _larger(part, odds, gains, own)
+    larger = _larger(part, odds, gains, own) - set(equals)
     against = {rival: value for rival, value in odds.items() if rival not in larger}
     # Of rivals that do as well, the search takes the simplest. A delay and a filter have as many parameters.
     compared = {rival: value for rival, value in against.items() if rival not in ruled and not _both_delay(rival, part)}
@@ -185,16 +186,14 @@ def _belief(
 def _larger(part: FittedEffect, odds: Mapping[str, float], gains: Mapping[str, float], own: float) -> set[str]:
     """Effects that contain a name and do hardly better: no rivals, unless they are as likely by rule."""
     more = own + LOOKALIKE * max(own, 0.0)
-    containing = {rival for rival in odds if _contains(rival, part.effect.name)} - set(part.effect.twins(part.values))
+    containing = {rival for rival in odds if _contains(rival, part.effect.name)}
     return {rival for rival in containing if gains.get(rival, own) <= more}
 
 
-def _equal_by_rule(model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str) -> set[str]:
-    """Rivals that are as likely as a name by rule, see `beliefs` and `Effect.twins`."""
-    equal = {f"unknown:{beside}"} if beside and part.effect.free_course else set()
+def _equal_in_answer(model: ProvenModel, part: FittedEffect, proof: EffectProof) -> set[str]:
+    """Similar effects of the same answer that are as likely as a name, see `beliefs`."""
     others = [other.effect for other in model.fit.parts if other.effect.name != part.effect.name]
-    equal |= set(part.effect.twins(part.values))
-    return equal | {other.name for other in others if proof.within_noise and alike(other, part.effect)}
+    return {other.name for other in others if proof.within_noise and alike(other, part.effect)}
 
 
 def rival_odds(own: float, rival: float, misfit: float, lacks: float = 0.0) -> float:

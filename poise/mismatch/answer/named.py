@@ -70,10 +70,9 @@ def named_effects(
     `beside` is the state on which the unknown part of the answer depends, "" without one.
     """
     inputs = problem.compose(best.parts)[0]
-    states = [
-        part.effect.imitated(recorded, part.values) or beside for part, recorded in zip(best.parts, inputs, strict=True)
-    ]
-    confidence = beliefs(model, instead, varied, misfit, states, suspects)
+    acting = list(zip(best.parts, inputs, strict=True))
+    alike = [equals(part, recorded, beside) for part, recorded in acting]
+    confidence = beliefs(model, instead, varied, misfit, alike, suspects)
     found = [
         NamedEffect(
             part.effect,
@@ -92,6 +91,13 @@ def named_effects(
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def equals(part: FittedEffect, recorded: RecordedMotion, beside: str) -> set[str]:
+    """Rivals that are as likely as an effect by rule, see `beliefs`; `beside` as in `named_effects`."""
+    state = part.effect.imitated(recorded, part.values) or beside
+    unknown = {f"unknown:{state}"} if state and part.effect.free_course else set()
+    return unknown | set(part.effect.twins(recorded, part.values))
 
 
 def _near(

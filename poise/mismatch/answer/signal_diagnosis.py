@@ -42,6 +42,8 @@ FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
 proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
+_NO_BETTER = 1.01
+"""Held-out error beside another answer as good, relative to the error of that one, from which this is no better."""
 _LEAST = 1e-3
 """Least energy above that of noise of the nominal model by which a misfit is divided."""
 
@@ -164,7 +166,8 @@ def _with_rivals(
         if better is None:
             break
         tried = _proven(state, better, seen, held)
-        if set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit)):
+        worse = tried[3].remaining > _NO_BETTER * found[3].remaining
+        if not worse and set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit)):
             found = tried
             instead = replacements(state, found[0].fit)
     return found, instead

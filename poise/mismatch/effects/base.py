@@ -249,9 +249,9 @@ class Effect(ABC):
         """The values of a model that an earlier version saved, in the parameters of this version."""
         return values
 
-    def twins(self, values: Values) -> tuple[str, ...]:
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
         """Names of effects that contain this one or act alike, and that are as likely at these values."""
-        del values
+        del recorded, values
         return ()
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.geometry import cross, lengths
+from poise.geometry import cross, cross_matrix, lengths
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import beside_errors, coarsely, likely_place
+from poise.mismatch.effects.part_wrench import beside_errors, coarsely, error_states, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array, Mask
 
@@ -20,14 +20,25 @@ _LEAST_WAY = 0.02
 """m that the tool must travel to change a cable's length."""
 _APART, _SAMPLES = 0.03, 600
 """s between the samples from which anchors are searched; their number where that gives more."""
-_DISTANCES = (0.3, 0.7, 1.2, 2.0)
-"""m, along the mean force, of anchors from which the search begins: the lines of small motions hardly meet."""
+_DISTANCES = (0.5, 1.0, 2.0)
+"""m from the middle of the path to anchors from which the search begins."""
+_AROUND = 24
+_HEIGHTS = 1.0 - 2.0 * (np.arange(_AROUND) + 0.5) / _AROUND
+_TURNS = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_AROUND)
+_FLAT = np.sqrt(1.0 - _HEIGHTS**2)
+_DIRECTIONS = np.stack([_FLAT * np.cos(_TURNS), _FLAT * np.sin(_TURNS), _HEIGHTS], axis=1)
+"""(24, 3) unit vectors evenly around (Fibonacci lattice)."""
 _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
-_REFINED, _STEPS, _ROUGHLY, _KEPT = 3, 40, 1e-3, 2
+_REACH = 0.4
+"""m, of the hook from the sensor, along each axis."""
+_REFINED, _STEPS, _ROUGHLY, _KEPT = 2, 40, 1e-3, 2
 """Cords that are refined, steps of each, relative changes of cord and error that end them, and starting points."""
-_UNDAMPED, _USUAL, _MOST = 1e-3, 0.05, 2.0
-"""s, damping relative to stiffness: of a cord that is as good as undamped, from which a search begins, and the most."""
+_UNDAMPED, _MOST, _DAMPED = 1e-3, 100.0, (0.05, 1.0)
+"""s, damping relative to stiffness: of a cord that is as good as undamped, of one that hardly has a stiffness, and of
+those from which the search begins."""
+_SELDOM = 0.2
+"""Share of the samples in which a cord is taut, below which it acts as a contact."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
 
@@ -54,7 +65,7 @@ class Cable(Effect):
             EffectParameter(name, "m", low=a, high=b, linear=False)
             for name, a, b in zip(_ANCHOR, low.tolist(), high.tolist(), strict=True)
         )
-        hooks = (EffectParameter(name, "m", low=-0.4, high=0.4, linear=False) for name in _HOOK)
+        hooks = (EffectParameter(name, "m", low=-_REACH, high=_REACH, linear=False) for name in _HOOK)
         return (
             EffectParameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
             *anchors,
@@ -72,7 +83,6 @@ class Cable(Effect):
         few, left = coarsely(recorded, residual, apart)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
         wanted = beside_errors(few, left) * weight
-        hook = dict(zip(_HOOK, likely_place(left[:, :3], left[:, 3:]).tolist(), strict=True))
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
 
             def pulled(cord: Array, on_base: float = on_base) -> tuple[_Line, Array, float]:
@@ -95,18 +105,15 @@ class Cable(Effect):
                 along = pull.ravel() / max(float(np.linalg.norm(pull)), 1e-12)
                 return np.asarray(-stiffness * (flat - np.outer(along, along @ flat)))
 
-            place, turn = _hook(few, hook | {"on_base": on_base})
-            force = np.einsum("nij,nj->ni", turn, left[:, :3])
-            tried = [np.array([*cord, *hook.values(), _USUAL]) for cord in _likely_cords(place, force)]
-            tried.sort(key=lambda cord: float(np.sum(unexplained(cord) ** 2)))
+            tried = _likely_cords(few, left, wanted, weight, on_base)
             refined = [
                 least_squares(unexplained, cord, slopes, max_nfev=_STEPS, x_scale="jac", ftol=_ROUGHLY, xtol=_ROUGHLY)
-                for cord in tried[:_REFINED]
+                for cord in tried
             ]
             refined.sort(key=lambda each: float(each.cost))
-            middle = place.mean(axis=0)
-            near = [each.x for each in refined if float(np.linalg.norm(each.x[:3] - middle)) < _FARTHEST]
-            yield from (_cord(cord, on_base) for cord in (*near, tried[0])[:_KEPT])
+            middle = _hook(few, _cord(tried[-1], on_base))[0].mean(axis=0)
+            near = [_nearer(each.x, middle) for each in refined[:_KEPT]]
+            yield from (_cord(cord, on_base) for cord in (*near, tried[-1]))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return _line(recorded, nonlinear).wrench[:, :, None]
@@ -125,6 +132,11 @@ class Cable(Effect):
         lacking = super().untestable(recorded)
         way = float(np.ptp(recorded.position_in_world, axis=0).max())
         return lacking or ("" if way > _LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
+
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
+        """A cord that is hardly ever taut pulls as something that is touched pushes: its direction hardly changes."""
+        taut = float(np.mean(_line(recorded, values).tension > 0.0))
+        return ("contact",) if taut < _SELDOM else ()
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         place = ", ".join(f"{values[name]:.2f}" for name in _ANCHOR)
@@ -225,20 +237,87 @@ def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
 def _cord(numbers: Array, on_base: float) -> dict[str, float]:
     """The non-linear values of a cord."""
     values = dict(zip(_CORD, numbers.tolist(), strict=True))
-    damping_time = float(np.clip(abs(values["damping_time"]), _UNDAMPED, _MOST))
+    damping_time = float(np.clip(abs(values["damping_time"]), _UNDAMPED, 0.5 * _MOST))
     return {"on_base": on_base, **values, "rest_length": abs(values["rest_length"]), "damping_time": damping_time}
 
 
-def _likely_cords(place: Array, force: Array) -> list[Array]:
-    """(4,) anchors and rest lengths of cords from places (N, 3) that may explain forces (N, 3)."""
-    middle, pull = place.mean(axis=0), force.mean(axis=0)
-    along = pull / max(float(np.linalg.norm(pull)), 1e-9)
-    found = []
-    for anchor in (_meeting(place, force), *(middle + distance * along for distance in _DISTANCES)):
-        length = np.linalg.norm(anchor - place, axis=1)
-        rests = np.quantile(length, _SLACK) - _TAUT * np.equal(_SLACK, 0.0) * float(np.ptp(length))
-        found += [np.append(anchor, max(float(rest), 0.0)) for rest in rests]
-    return found
+def _nearer(cord: Array, middle: Array) -> Array:
+    """A cord (8,) with an anchor within reach of the middle (3,) of the path: a longer one hardly pulls otherwise."""
+    way = cord[:3] - middle
+    distance = float(np.linalg.norm(way))
+    if distance <= _FARTHEST:
+        return cord
+    nearer = middle + way * (_FARTHEST / distance)
+    return np.array([*nearer, max(abs(cord[3]) - distance + _FARTHEST, 0.0), *cord[4:]])
+
+
+def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array, on_base: float) -> list[Array]:
+    """(8,) the cords that explain most of a residual, the best first: many anchors, each with the hook that suits it.
+
+    The wrench of a cord is linear in its stiffness and in stiffness times hook, if the hook hardly changes its length.
+
+    Args:
+        few: the motion.
+        left, wanted: (N, 6) the residual; and its part beside other errors, weighed.
+        weight: (6,) of the channels.
+        on_base: whether the anchor moves with the base.
+    """
+    place, turn = _hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
+    around = np.concatenate([distance * _DIRECTIONS for distance in _DISTANCES])
+    anchors = np.vstack([_meeting(place, np.einsum("nij,nj->ni", turn, left[:, :3])), place.mean(axis=0) + around])
+    away = anchors[:, None] - place
+    length = lengths(away)  # (A, N)
+    rests = np.quantile(length, _SLACK, axis=1) - np.outer(np.equal(_SLACK, 0.0), _TAUT * np.ptp(length, axis=1))
+    stretch = length - np.maximum(rests, 0.0)[:, :, None]  # (S, A, N)
+    speed = np.gradient(length, few.seconds, axis=1)
+    tension = np.array([np.maximum(stretch + time * speed, 0.0) * (stretch > 0.0) for time in _DAMPED])
+    toward = np.einsum("nji,anj->ain", turn, away / length[:, :, None])
+    pull = (tension[:, :, :, None] * toward).reshape(-1, 3, len(few))
+    normal, right = _by_stiffness_and_hook(pull, error_states(few), wanted * weight, weight**2)
+    solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+    # Joint efforts do not show the whole torque, and hooks from it may be anywhere.
+    steady = np.concatenate([[1.0], likely_place(left[:, :3], left[:, 3:])])
+    along, size = np.maximum(right @ steady, 0.0), np.einsum("i,kij,j->k", steady, normal, steady)
+    steadily = (along / size)[:, None] * steady
+    found: list[Array] = []
+    for scaled in (solved, steadily):
+        falls = np.einsum("kj,kj->k", scaled, right) * (scaled[:, 0] > 0.0)
+        best: dict[int, Array] = {}
+        for k in np.argsort(-falls)[: np.count_nonzero(falls > 0.0)]:
+            time, slack, anchor = np.unravel_index(k, tension.shape[:3])
+            hook = np.clip(scaled[k, 1:] / scaled[k, 0], -0.9 * _REACH, 0.9 * _REACH)
+            rest = max(float(rests[slack, anchor]), 0.0)
+            best.setdefault(int(anchor), np.array([*anchors[anchor], rest, *hook, _DAMPED[time]]))
+            if len(best) == _REFINED:
+                break
+        found += best.values()
+    # A force that hardly changes is an error of the bias, too: nothing of it is left beside errors.
+    pull = np.einsum("nij,nj->i", turn, left[:, :3])
+    anchor = place.mean(axis=0) + pull / max(float(np.linalg.norm(pull)), 1e-9)
+    return [*found, np.array([*anchor, 0.5, *steady[1:], _DAMPED[0]])]
+
+
+def _by_stiffness_and_hook(pull: Array, errors: Array, wanted: Array, weight: Array) -> tuple[Array, Array]:
+    """(K, 4, 4) and (K, 4), the normal equations of a stiffness and of its products with a hook.
+
+    Args:
+        pull: (K, 3, N) forces.
+        errors: (N, m) orthonormal; beside these.
+        wanted: (N, 6) beside these, weighed by weight (6,).
+    """
+    besides, along = pull @ errors, pull @ wanted
+    squares = pull @ pull.swapaxes(1, 2) - besides @ besides.swapaxes(1, 2)
+    levers = cross_matrix(np.eye(3))  # e_i x f
+    normal = np.zeros((len(pull), 4, 4))
+    normal[:, 0, 0] = np.einsum("kii,i->k", squares, weight[:3])
+    normal[:, 1:, 1:] = np.einsum("ica,kab,jcb,c->kij", levers, squares, levers, weight[3:], optimize=True)
+    loose = np.einsum("kii->k", normal[:, 1:, 1:])
+    normal[:, 1:, 1:] += (1e-3 * loose + 1e-12)[:, None, None] * np.eye(3)
+    normal[:, 0, 0] += 1e-12
+    right = np.concatenate(
+        [np.einsum("kii->k", along[:, :, :3])[:, None], np.einsum("ica,kac->ki", levers, along[:, :, 3:])], axis=1
+    )
+    return normal, right
 
 
 def _meeting(place: Array, force: Array) -> Array:

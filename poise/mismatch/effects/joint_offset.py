@@ -34,8 +34,9 @@ class JointOffset(Effect):
         del nonlinear
         return -joint_columns(recorded)
 
-    def twins(self, values: Values) -> tuple[str, ...]:
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
         """A single joint sees a tilt of its base about its axis alone, which is an offset."""
+        del recorded
         return ("base_tilt",) if len(values) == 1 else ()
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

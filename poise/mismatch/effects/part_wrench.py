@@ -131,13 +131,18 @@ def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[Re
 
 def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
     """(N, C) channels of wrenches without what a bias, gains and a shifted centre of mass explain of each."""
+    basis = error_states(recorded)
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+def error_states(recorded: RecordedMotion) -> Array:
+    """(N, 10) orthonormal: the states that errors of bias, gain and centre of mass depend on."""
 
     def made() -> Array:
         known = np.hstack([np.ones((len(recorded), 1)), recorded.specific, recorded.nominal])
         return np.asarray(np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-9))[0])
 
-    basis = recorded.once("errors", made)
-    return np.asarray(values - basis @ (basis.T @ values))
+    return recorded.once("errors", made)
 
 
 def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:

@@ -68,7 +68,8 @@ class Slosh(Effect):
             return f"it would swing as a pendulum of {1e3 * _LONGEST:.0f} mm or longer, which is a hanging chain's"
         return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
-    def twins(self, values: Values) -> tuple[str, ...]:
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
+        del recorded
         return ("hanging_chain",) if values["length"] > _WIDE else ()
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

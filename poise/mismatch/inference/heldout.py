@@ -53,6 +53,11 @@ class HeldOutProof:
         return self.augmented > (1.0 + _EQUAL) * self.in_range
 
     @property
+    def remaining(self) -> float:
+        """The error that the effects leave, relative to that of the nominal model; NaN where no sample was held out."""
+        return self.augmented / max(self.in_range, 1e-12)
+
+    @property
     def excess(self) -> float:
         """Energy that the effects leave above that which noise may have; NaN where no sample was held out."""
         return self.augmented**2 - 1.0 - _ALLOWED

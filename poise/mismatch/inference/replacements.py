@@ -148,7 +148,12 @@ def improved(
         None where every effect is at its place.
     """
     problem, now = state.under(found), None
-    places = (_single(problem, found, instead), _pairs(problem, found, instead), _alike_pairs(state, problem, found))
+    places = (
+        _single(problem, found, instead),
+        _pairs(problem, found, instead),
+        _alike_pairs(state, problem, found),
+        _curves(state, problem, found, instead),
+    )
     for replaced, best, slack in itertools.chain(*places):
         kept = tuple(part for part in found.parts if part not in replaced)
         key = tuple(sorted((*(part.effect.name for part in kept), best.effect.name)))
@@ -212,6 +217,30 @@ def _alike_pairs(
         free = [each for each in free if any(alike(each, part.effect) for part in pair)]
         for each in beside(problem.weighed(), rest, free, state.limit)[:_TRIED]:
             yield pair, each, EQUAL_EVIDENCE
+
+
+def _curves(
+    state: HypothesisSearch,
+    problem: Problem,
+    found: HypothesisFit,
+    instead: tuple[Mapping[str, EffectCandidate], ...],
+) -> Iterator[tuple[tuple[FittedEffect, ...], EffectCandidate, float]]:
+    """The free curves of an answer with effects of the library in the place of all of them."""
+    curves = tuple(part for part in found.parts if isinstance(part.effect, FreeCurve))
+    if not curves:
+        return
+    rest = [other for other in found.parts if other not in curves]
+    if len(curves) == 1:
+        candidates = list(instead[found.parts.index(curves[0])].values())
+    else:
+        taken = {other.effect.name for other in rest}.union(*(other.effect.made_of for other in rest))
+        free = [each for each in state.library if each.name not in taken]
+        candidates = beside(
+            problem.weighed(), rest, [each for each in free if not isinstance(each, FreeCurve)], state.limit
+        )
+    named = [each for each in candidates if not isinstance(each.effect, FreeCurve) and each.gain > 0.0]
+    for each in sorted(named, key=lambda one: -one.gain)[:_TRIED]:
+        yield curves, each, 0.0
 
 
 def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:

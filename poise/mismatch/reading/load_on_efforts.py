@@ -43,8 +43,8 @@ class _OnEfforts(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return self._inner.derived(recorded, values)
 
-    def twins(self, values: Values) -> tuple[str, ...]:
-        return self._inner.twins(values)
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
+        return self._inner.twins(recorded, values)
 
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         return self._inner.unsettled(recorded, values)
