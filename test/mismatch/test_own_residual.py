@@ -14,7 +14,8 @@ from poise.mismatch.answer.belief import BeliefBasis, EffectBelief
 from poise.mismatch.answer.unknown_physics import likelihoods, unclear, undetermined
 from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
-from poise.mismatch.inference.proof import EffectProof, cancelling
+from poise.mismatch.inference.cancelling import cancelling
+from poise.mismatch.inference.proof import EffectProof
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion, at_times
 

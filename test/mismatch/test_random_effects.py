@@ -19,6 +19,8 @@ from benchmarks.random_effects import TURNS, random_case
             "base_motion",
         ),  # filtered efforts, which looked like damping; the motion is too weak
         (7027, "base_tilt"),  # efforts alone under coloured noise
+        (7101, "cable"),  # efforts alone; its damping outweighs its stiffness
+        (7382, "coulomb_friction"),  # another law fits the recording better and predicts it worse
         (7046, "slosh"),  # joint states at 500 Hz that arrive in bursts
         (7227, "cable"),  # efforts alone, in which a contact without proof kept it away
         (7269, "backlash"),  # shakes other joints more than its own

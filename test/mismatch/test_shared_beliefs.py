@@ -4,7 +4,6 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
-import numpy as np
 import pytest
 from cases import make_case
 
@@ -44,18 +43,6 @@ def test_an_event_that_follows_anything_is_as_likely_as_the_unknown_effect_besid
     assert effect is not None
     values = {p.name: p.from_unit(0.5) if not p.linear else 0.0 for p in effect.parameters(recorded)}
     assert (equals(FittedEffect(effect, values), recorded, "time") == {"unknown:time"}) == shares
-
-
-@pytest.mark.parametrize(("rest", "twins"), [(0.5, ()), (0.999, ("contact",))])
-def test_a_cord_that_is_hardly_ever_taut_may_be_a_contact(rest: float, twins: tuple[str, ...]) -> None:
-    cable, recorded = effect_named("cable"), make_case(3, duration=5.0).recorded()
-    assert cable is not None
-    anchor = recorded.position_in_world.mean(axis=0) + np.array([0.3, 0.4, 1.5])
-    longest = float(np.linalg.norm(anchor - recorded.position_in_world, axis=1).max())
-    cord = {"rest_length": rest * longest, "stiffness": 30.0}
-    cord |= dict(zip(("anchor_x", "anchor_y", "anchor_z"), anchor.tolist(), strict=True))
-    values = {p.name: 0.0 for p in cable.parameters(recorded)} | cord
-    assert cable.twins(recorded, values) == twins
 
 
 @pytest.mark.parametrize(("excess", "shares"), [(-0.03, True), (12.0, False)])

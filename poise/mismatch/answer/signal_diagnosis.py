@@ -20,6 +20,7 @@ from poise.mismatch.inference import (
     Problem,
     ProvenModel,
     TimeLimit,
+    alone_in_efforts,
     fit,
     found_in_efforts,
     held_out,
@@ -189,7 +190,11 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
         tried = _proven(state, best, seen, held)
         if tried[3].augmented < found[3].augmented:
             found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
-    return found
+    if found[0].fit.parts or found[3].excess <= 0.0 or state.limit.over():
+        return found
+    # Effects that were chosen together may all lack a proof beside each other.
+    tried = _proven(state, alone_in_efforts(state), seen, held)
+    return (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
 
 
 def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:

@@ -26,6 +26,9 @@ _HIDDEN, _ROUNDED = 3.0, 10.0
 """Sigmas of the measured position up to which a displacement is an error of the measured motion; the second while the
 reported acceleration of the base changes by at least half of what the event has. A spline through noisy positions
 turns a jump of the acceleration into a slope, and halves a short one: the wrench shows what odometry does report."""
+_CORNERS = 0.1
+"""Speed, relative to the change of the reported one, that splines through odometry may lose where a ramp begins or
+ends."""
 
 
 class UnreportedBaseMotion(Effect):
@@ -85,8 +88,7 @@ class UnreportedBaseMotion(Effect):
         return ((values["start"], values["start"] + values["length"]),)
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        count = int(values["splines"])
-        speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(count)])
+        count, speed = int(values["splines"]), _speeds(values)
         acceleration = self.rates(recorded.seconds, values)[1] @ speed
         peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
         # A cubic B-spline covers its coefficient times the interval between knots.
@@ -101,7 +103,13 @@ class UnreportedBaseMotion(Effect):
             return f"the base would accelerate by {acceleration:.1f} m/s2"
         if displacement > _FARTHEST:
             return f"the base would move by {displacement:.2f} m"
-        changes = 0.5 * acceleration < _reported_change(recorded, values)
+        acceleration_change, speed_change = _reported_changes(recorded, values)
+        changes = 0.5 * acceleration < acceleration_change
+        speed = float(np.linalg.norm(_speeds(values), axis=1).max())
+        if changes and speed < _CORNERS * speed_change:
+            return (
+                f"the base would move {1e3 * speed:.0f} mm/s faster, while its measured speed changes by ten times that"
+            )
         if displacement < (_ROUNDED if changes else _HIDDEN) * recorded.place_noise:
             return f"the base would move by {1e3 * displacement:.1f} mm, which the noise of its measured position hides"
         return super().implausible(recorded, values)
@@ -128,10 +136,17 @@ class UnreportedBaseMotion(Effect):
         return rows, np.where(size < 1.0, inner, outer) / interval
 
 
-def _reported_change(recorded: RecordedMotion, values: Values) -> float:
-    """m/s2, by how much the horizontal acceleration of the base that odometry reports changes during the event."""
+def _speeds(values: Values) -> Array:
+    """(K, 2) m/s, the coefficients of the splines."""
+    return np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(int(values["splines"]))])
+
+
+def _reported_changes(recorded: RecordedMotion, values: Values) -> tuple[float, float]:
+    """m/s2 and m/s, by which the base's horizontal acceleration and velocity in odometry change during the event."""
     after = recorded.seconds - values["start"]
     during = (after > 0.0) & (after < values["length"])
     if recorded.base is None or not during.any():
-        return 0.0
-    return float(np.linalg.norm(np.ptp(recorded.base.acceleration_in_world[during, :2], axis=0)))
+        return 0.0, 0.0
+    states = recorded.base.acceleration_in_world, recorded.base.velocity_in_world
+    acceleration, velocity = (float(np.linalg.norm(np.ptp(state[during, :2], axis=0))) for state in states)
+    return acceleration, velocity

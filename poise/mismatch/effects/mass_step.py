@@ -61,6 +61,8 @@ class MassStep(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         for begin, end in steps(recorded, residual, self.columns(recorded, {"time": -np.inf})):
             returns = np.isfinite(end)
+            if returns and self._unseen(recorded, begin):
+                continue  # beside a constant, as one that begins where this one ends
             yield {"time": begin, "returns": float(returns), "length": end - begin if returns else _BESIDE}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -88,7 +90,7 @@ class MassStep(Effect):
         A brief change is a push. A change at an end of a single recording is none: nothing shows the payload before it
         or after it.
         """
-        if not recorded.begins and not _BESIDE < values["time"] - recorded.seconds[0] < recorded.duration - _BESIDE:
+        if self._unseen(recorded, values["time"]):
             return "the payload would change at the end or the start of the recording"
         ((start, end),) = self.windows(recorded, values)
         if end - start < _BESIDE:
@@ -96,6 +98,11 @@ class MassStep(Effect):
         moment = np.linalg.norm([values[name] for name in _ROWS[1:]])
         mass = max(float(recorded.phi[0]), 0.5) + abs(values["mass"])
         return "the mass that changes would lie outside the payload" if moment > FARTHEST_CENTRE * mass else ""
+
+    @staticmethod
+    def _unseen(recorded: RecordedMotion, time: float) -> bool:
+        """Whether a single recording does not show the payload before a time, or after it."""
+        return not (recorded.begins or _BESIDE < time - recorded.seconds[0] < recorded.duration - _BESIDE)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"

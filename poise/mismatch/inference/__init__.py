@@ -16,7 +16,7 @@ from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import MATERIAL_EXCESS, EffectProof, ProvenModel, allowed_excess, proven
 from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, LOOKALIKE, NEAR_SHARE, improved, replacements
-from poise.mismatch.inference.search import found_in_efforts, search
+from poise.mismatch.inference.search import alone_in_efforts, found_in_efforts, search
 from poise.mismatch.inference.standstill import beside_stuck_joints
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
@@ -49,6 +49,7 @@ __all__ = [
     "Variation",
     "alike",
     "allowed_excess",
+    "alone_in_efforts",
     "averaged_efforts",
     "beside_stuck_joints",
     "dependence_curve",

@@ -5,7 +5,6 @@ pieces. The model with the effect and the best one without it are fitted to all 
 predict these. The fits solve for all linear parameters and the calibration errors; other parameters keep their values.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,10 +13,10 @@ from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, within
 from poise.mismatch.inference.box import box_minimum
+from poise.mismatch.inference.cancelling import cancelling
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, implausible, names, residual_of
 from poise.mismatch.inference.problem import BRIEF, FittedEffect, Problem
-from poise.mismatch.inference.replacements import LOOKALIKE
 from poise.mismatch.inference.unknown import Dependence
 from poise.types import Array
 
@@ -52,6 +51,8 @@ _LEAST_EVIDENCE = 6.0
 LEAST_BESIDE = 100.0
 """log evidence that an event of free course, or an effect beside a stronger one, must win: noise of other families than
 those of the noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
+_LEAST_OF_LAW = 0.01
+"""Share of the evidence of the strongest effect that an event which ends must win beside it."""
 _LEAST_OF_FRICTION = 0.02
 """Share of the log evidence of all effects that a dry friction must win beside another one: no law of it is exact."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
@@ -61,9 +62,6 @@ _MOST_ELSEWHERE = 0.5
 """Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
 _ACTS = 0.01
 """Share of its largest energy in a sample from which an event acts there."""
-_CANCELS = 0.3
-"""Energy of the response of two effects, relative to the smaller one's own, below which they cancel; and so of two
-delays."""
 _SPIKE, _CHANCE = 5.0, 4.0
 """Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
@@ -176,7 +174,8 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             # What fails by itself is no stronger effect, beside which another one is faint.
             strongest = max((proof.support for proof in proofs), default=0.0)
             lacking = [
-                faint(part.effect, proof, strongest) or _detail_of_friction(state, problem, whole, part, proof)
+                faint(part.effect, proof, strongest, _stays(problem, part))
+                or _detail_of_friction(state, problem, whole, part, proof)
                 for part, proof in zip(whole.parts, proofs, strict=True)
             ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -209,8 +208,7 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
         and proof.share < _LEAST_OF_BASE
     ):
         return "the odometry of the base may be wrong by as much"
-    windows = part.effect.windows(recorded, part.values)
-    stays = any(end >= recorded.seconds[-1] for _, end in windows)
+    windows, stays = part.effect.windows(recorded, part.values), _stays(problem, part)
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
     if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
@@ -224,13 +222,20 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
-def faint(effect: Effect, proof: EffectProof, strongest: float) -> str:
+def _stays(problem: Problem, part: FittedEffect) -> bool:
+    """Whether an event lasts to the end of the recording."""
+    windows = part.effect.windows(problem.recorded, part.values)
+    return any(end >= problem.recorded.seconds[-1] for _, end in windows)
+
+
+def faint(effect: Effect, proof: EffectProof, strongest: float, stays: bool = False) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
-    of free course follows noise, too, and what the law of a far stronger effect leaves: no model is exact.
+    of free course follows noise, too. One that ends follows what the law of a far stronger effect leaves: no model is
+    exact. What an event that `stays` changes is there to the end of the recording.
     """
-    if effect.free_course and proof.support < LOOKALIKE * strongest:
+    if not (effect.transfers or stays) and proof.support < _LEAST_OF_LAW * strongest:
         return f"its evidence, {proof.support:.0f} nats, may come from the law of an effect with {strongest:.0f}"
     alone = not effect.free_course and proof.support >= strongest
     if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
@@ -253,36 +258,6 @@ def _detail_of_friction(
     if proof.support >= _LEAST_OF_FRICTION * won:
         return ""
     return f"its evidence, {proof.support:.0f} of {won:.0f} nats, may come from the law of another friction"
-
-
-def cancelling(problem: Problem, parts: Sequence[FittedEffect]) -> list[str]:
-    """For each part, why it is no effect of its own: another one takes most of its response back; "" where none does.
-
-    A filter and an early clock together smooth without delay, an encoder's zero and a turned sensor hardly act: what
-    two large effects leave when they cancel follows something else.
-    """
-
-    def energy(chosen: Sequence[FittedEffect]) -> float:
-        rest = [part for part in parts if part not in chosen]
-        response = whole - problem.predicted(problem.compose(rest)[1])
-        return float(np.sum((response / problem.noise.sigma) ** 2))
-
-    whole = problem.predicted(problem.compose(parts)[1])
-    alone = [energy([part]) for part in parts]
-    found = [""] * len(parts)
-    for i, j in itertools.combinations(range(len(parts)), 2):
-        cancel = energy([parts[i], parts[j]]) < _CANCELS * min(alone[i], alone[j])
-        if cancel or _no_delay(parts[i], parts[j]):
-            found[i], found[j] = (f"{parts[k].effect.name} would cancel it" for k in (j, i))
-    return found
-
-
-def _no_delay(one: FittedEffect, other: FittedEffect) -> bool:
-    """Whether two delays leave hardly any: the smoothing that stays may be that of the measured motion."""
-    if not (one.effect.delay and other.effect.delay):
-        return False
-    delays = [each.values[each.effect.delay] for each in (one, other)]
-    return abs(sum(delays)) < _CANCELS * min(map(abs, delays))
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:

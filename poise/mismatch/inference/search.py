@@ -90,6 +90,14 @@ def found_in_efforts(state: HypothesisSearch, refused: Collection[str] = ()) -> 
     return _together(state, screened(state.problem, effects))
 
 
+def alone_in_efforts(state: HypothesisSearch) -> HypothesisFit:
+    """The best model of joint efforts with one effect; that of the nominal model where none explains anything."""
+    effects = [each for each in state.library if not isinstance(each, FreeCurve)]
+    tried = beside(state.judging.weighed(), (), effects, state.limit)[:_PROMISING]
+    found = [_together(state, [FittedEffect(each.effect, each.values)]) for each in tried if each.gain > 0.0]
+    return max(found, key=lambda each: state.fits[names(each)].log_evidence, default=state.fits[()])
+
+
 def testable(problem: Problem, library: Sequence[Effect] | None) -> tuple[list[Effect], dict[str, str]]:
     """The effects of a library (None: all) on the signal, and those that the recording cannot show, with the cause."""
     effects, untestable = [], {}
