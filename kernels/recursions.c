@@ -141,64 +141,146 @@ static POISE_INLINE void damped(int links, const vectors *along, const vectors *
       moved->at[axis][i] = couple.at[axis][i] - (i < links - 1 ? couple.at[axis][i + 1] : 0.0);
 }
 
+/* A signal of vectors (n, 3) at ascending times, linear between them and constant beyond; it is asked forwards. */
+typedef struct {
+  int64_t n, at;
+  const double *seconds, *values;
+} signal3;
+
+static POISE_INLINE void followed(signal3 *from, double time, double out[3]) {
+  while (from->at < from->n - 1 && from->seconds[from->at + 1] <= time) from->at++;
+  const double *here = from->values + 3 * from->at, since = time - from->seconds[from->at];
+  const int inside = from->at < from->n - 1 && since > 0.0;
+  const double share = inside ? since / (from->seconds[from->at + 1] - from->seconds[from->at]) : 0.0;
+  for (int axis = 0; axis < 3; axis++) out[axis] = here[axis] + (inside ? share * (here[axis + 3] - here[axis]) : 0.0);
+}
+
+/* One step of a rope: its centre of mass, the direction of its first link, and the rate of the vessel. */
+typedef struct {
+  double centre[3], first[3], turn[3];
+} rope_step;
+
+/* Force and couple (6,) of a rope of 1 kg at `here`; `before` and `after` are `apart` steps from each other. */
+static POISE_INLINE void felt(const rope_step *before, const rope_step *here, const rope_step *after, double apart,
+                              double step, double damping, double *out) {
+  const double *f = here->first, *w = here->turn;
+  const double along = f[0] * w[0] + f[1] * w[1] + f[2] * w[2];
+  double rate[3];
+  for (int axis = 0; axis < 3; axis++) {
+    rate[axis] = (after->first[axis] - before->first[axis]) / (apart * step);
+    out[axis] = -(after->centre[axis] - 2.0 * here->centre[axis] + before->centre[axis]) / (step * step);
+  }
+  for (int axis = 0; axis < 3; axis++) {
+    const int next = (axis + 1) % 3, last = (axis + 2) % 3;
+    out[3 + axis] = damping * (f[next] * rate[last] - f[last] * rate[next] - (w[axis] - f[axis] * along));
+  }
+}
+
+/* What is asked for: force and couple (n, 6) at times; `row`: those at two steps, `steps`: the last three. */
+typedef struct {
+  int64_t n, told;
+  const double *seconds;
+  double *out, step, damping, row[2][6];
+  rope_step steps[3];
+} answer;
+
+/* Tell what lies before step `k`, between two rows. */
+static POISE_INLINE void told_before(answer *to, int64_t k) {
+  const double begin = to->seconds[0] + (double)(k - 1) * to->step;
+  for (; to->told < to->n && to->seconds[to->told] < begin + to->step; to->told++)
+    for (int i = 0; i < 6; i++)
+      to->out[6 * to->told + i] =
+          to->row[0][i] + (to->row[1][i] - to->row[0][i]) * ((to->seconds[to->told] - begin) / to->step);
+}
+
+/* Step `k` shows the row of the step before it. The first row has the second difference of the next one. */
+static POISE_INLINE void told_by(answer *to, int64_t k) {
+  if (k == 0) return;
+  for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
+  felt(to->steps + (k > 1 ? 0 : 1), to->steps + 1, to->steps + 2, k > 1 ? 2.0 : 1.0, to->step, to->damping, to->row[1]);
+  for (int i = 0; i < 3; i++) {
+    if (k == 1) to->row[1][i] = 0.0;
+    if (k == 2) to->row[0][i] = to->row[1][i];
+  }
+  if (k > 1) told_before(to, k - 1);
+}
+
+/* The last row has the second difference of the one before it, and is held. */
+static POISE_INLINE void told_at_end(answer *to, int64_t count) {
+  for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
+  felt(to->steps + 1, to->steps + 2, to->steps + 2, 1.0, to->step, to->damping, to->row[1]);
+  for (int i = 0; i < 3; i++) to->row[1][i] = to->row[0][i];
+  told_before(to, count - 1);
+  for (; to->told < to->n; to->told++)
+    for (int i = 0; i < 6; i++) to->out[6 * to->told + i] = to->row[1][i];
+}
+
 /* See poise_rope, which has this twice: the compiler unrolls the loops over a number of links that it knows. */
-static POISE_INLINE void hung(int64_t n, int links, const double *lengths, const double *masses, const double *start,
-                              const double *drive, const double *turn, double damping, double step, double *centres,
-                              double *directions) {
+static POISE_INLINE void hung(int links, const double *lengths, const double *masses, signal3 drives, signal3 turns,
+                              int64_t count, answer *to) {
   vectors bead, before, along, old, change, turned, moved;
   double inverse[MOST_LINKS], square[MOST_LINKS], share[MOST_LINKS], rate[MOST_LINKS], held[MOST_LINKS], whole = 0.0;
+  const double step = to->step, *start = drives.values;
+  const double pulled = sqrt(start[0] * start[0] + start[1] * start[1] + start[2] * start[2]);
   for (int i = 0; i < links; i++) {
     square[i] = lengths[i] * lengths[i];
     inverse[i] = 1.0 / masses[i];
     rate[i] = 1.0 / (step * square[i]);
-    held[i] = damping * step * step / square[i];
+    held[i] = to->damping * step * step / square[i];
     whole += masses[i];
     for (int axis = 0; axis < 3; axis++) {
-      old.at[axis][i] = lengths[i] * start[axis];
+      old.at[axis][i] = lengths[i] * (start[axis] / pulled);
       before.at[axis][i] = bead.at[axis][i] = (i ? bead.at[axis][i - 1] : 0.0) + old.at[axis][i];
     }
   }
   for (int i = 0; i < links; i++) share[i] = masses[i] / whole;
-  for (int64_t k = 0; k < n; k++) {
+  for (int64_t k = 0; k < count; k++) {
+    rope_step *now = to->steps + 2;
+    double drive[3];
+    to->steps[0] = to->steps[1], to->steps[1] = to->steps[2];
+    followed(&drives, to->seconds[0] + (double)k * step, drive);
+    followed(&turns, to->seconds[0] + (double)k * step, now->turn);
     linked(links, &bead, &along);
     for (int axis = 0; axis < 3; axis++) {
-      double centre = 0.0;
+      now->centre[axis] = 0.0;
       for (int i = 0; i < links; i++) {
-        centre += share[i] * bead.at[axis][i];
+        now->centre[axis] += share[i] * bead.at[axis][i];
         change.at[axis][i] = along.at[axis][i] - old.at[axis][i];
       }
-      centres[3 * k + axis] = centre;
-      directions[3 * k + axis] = along.at[axis][0] / lengths[0];
+      now->first[axis] = along.at[axis][0] / lengths[0];
     }
     crossed(links, &along, &change, &turned);
     for (int axis = 0; axis < 3; axis++)
       for (int i = 0; i < links; i++) turned.at[axis][i] *= rate[i];
-    damped(links, &along, &turned, turn + 3 * k, held, &moved);
-    for (int axis = 0; axis < 3; axis++) {
-      const double push = step * step * drive[3 * k + axis];
+    damped(links, &along, &turned, now->turn, held, &moved);
+    for (int axis = 0; axis < 3; axis++)
       for (int i = 0; i < links; i++) {
         const double here = bead.at[axis][i];
-        bead.at[axis][i] = (here + here - before.at[axis][i]) + push + inverse[i] * moved.at[axis][i];
+        const double onward = here + here - before.at[axis][i] + step * step * drive[axis];
+        bead.at[axis][i] = onward + inverse[i] * moved.at[axis][i];
         before.at[axis][i] = here;
         old.at[axis][i] = along.at[axis][i];
       }
-    }
     projected(links, square, inverse, &along, &bead);
+    told_by(to, k);
   }
+  told_at_end(to, count);
 }
 
 enum { USUAL_LINKS = 4 };
 
-/* A rope of beads on rods from a pivot: centres of mass and directions of its first rod, (n, 3) each.
- * `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `drive` (n, 3) m/s2 on every bead; `turn`
- * (n, 3) rad/s of the vessel; `damping` N m s/rad of each joint; `step` s. It begins straight along `start` (3,), at
- * rest. */
+/* Force and couple (n, 6) on its pivot of a rope of beads on rods, of 1 kg in all, beside those of that mass at the
+ * pivot. `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `pull` (n, 3) m/s2 on every bead
+ * and `rates` (n, 3) rad/s of the vessel, linear between the `seconds` (n,); `damping` N m s/rad of each joint;
+ * `count` steps, 2 at least. It begins straight along the pull, at rest. */
 POISE_EXPORT POISE_WIDE void poise_rope(int64_t n, int64_t links, const double *lengths, const double *masses,
-                                        const double *start, const double *drive, const double *turn, double damping,
-                                        double step, double *centres, double *directions) {
-  if (links == USUAL_LINKS)
-    hung(n, USUAL_LINKS, lengths, masses, start, drive, turn, damping, step, centres, directions);
-  else if (links > 0) hung(n, (int)links, lengths, masses, start, drive, turn, damping, step, centres, directions);
+                                        const double *seconds, const double *pull, const double *rates, double damping,
+                                        int64_t count, double *out) {
+  const signal3 drives = {n, 0, seconds, pull}, turns = {n, 0, seconds, rates};
+  const double step = (seconds[n - 1] - seconds[0]) / (double)(count - 1);
+  answer to = {n, 0, seconds, out, step, damping, {{0.0}}, {{{0.0}, {0.0}, {0.0}}}};
+  if (links == USUAL_LINKS) hung(USUAL_LINKS, lengths, masses, drives, turns, count, &to);
+  else hung((int)links, lengths, masses, drives, turns, count, &to);
 }
 
 /* Steps in a time in which a part stays at a stop, at the most. */
