@@ -178,23 +178,23 @@ static POISE_INLINE void felt(const rope_step *before, const rope_step *here, co
 
 /* What is asked for: force and couple (n, 6) at times; `row`: those at two steps, `steps`: the last three. */
 typedef struct {
-  int64_t n, told;
+  int64_t n, written;
   const double *seconds;
   double *out, step, damping, row[2][6];
   rope_step steps[3];
 } answer;
 
-/* Tell what lies before step `k`, between two rows. */
-static POISE_INLINE void told_before(answer *to, int64_t k) {
+/* Write what lies before step `k`, between two rows. */
+static POISE_INLINE void write_before(answer *to, int64_t k) {
   const double begin = to->seconds[0] + (double)(k - 1) * to->step;
-  for (; to->told < to->n && to->seconds[to->told] < begin + to->step; to->told++)
+  for (; to->written < to->n && to->seconds[to->written] < begin + to->step; to->written++)
     for (int i = 0; i < 6; i++)
-      to->out[6 * to->told + i] =
-          to->row[0][i] + (to->row[1][i] - to->row[0][i]) * ((to->seconds[to->told] - begin) / to->step);
+      to->out[6 * to->written + i] =
+          to->row[0][i] + (to->row[1][i] - to->row[0][i]) * ((to->seconds[to->written] - begin) / to->step);
 }
 
 /* Step `k` shows the row of the step before it. The first row has the second difference of the next one. */
-static POISE_INLINE void told_by(answer *to, int64_t k) {
+static POISE_INLINE void write_row(answer *to, int64_t k) {
   if (k == 0) return;
   for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
   felt(to->steps + (k > 1 ? 0 : 1), to->steps + 1, to->steps + 2, k > 1 ? 2.0 : 1.0, to->step, to->damping, to->row[1]);
@@ -202,17 +202,17 @@ static POISE_INLINE void told_by(answer *to, int64_t k) {
     if (k == 1) to->row[1][i] = 0.0;
     if (k == 2) to->row[0][i] = to->row[1][i];
   }
-  if (k > 1) told_before(to, k - 1);
+  if (k > 1) write_before(to, k - 1);
 }
 
 /* The last row has the second difference of the one before it, and is held. */
-static POISE_INLINE void told_at_end(answer *to, int64_t count) {
+static POISE_INLINE void write_end(answer *to, int64_t count) {
   for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
   felt(to->steps + 1, to->steps + 2, to->steps + 2, 1.0, to->step, to->damping, to->row[1]);
   for (int i = 0; i < 3; i++) to->row[1][i] = to->row[0][i];
-  told_before(to, count - 1);
-  for (; to->told < to->n; to->told++)
-    for (int i = 0; i < 6; i++) to->out[6 * to->told + i] = to->row[1][i];
+  write_before(to, count - 1);
+  for (; to->written < to->n; to->written++)
+    for (int i = 0; i < 6; i++) to->out[6 * to->written + i] = to->row[1][i];
 }
 
 /* See poise_rope, which has this twice: the compiler unrolls the loops over a number of links that it knows. */
@@ -262,9 +262,9 @@ static POISE_INLINE void hung(int links, const double *lengths, const double *ma
         old.at[axis][i] = along.at[axis][i];
       }
     projected(links, square, inverse, &along, &bead);
-    told_by(to, k);
+    write_row(to, k);
   }
-  told_at_end(to, count);
+  write_end(to, count);
 }
 
 enum { USUAL_LINKS = 4 };
