@@ -5,8 +5,9 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-import scipy
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import rotation_of_vector
@@ -101,9 +102,7 @@ def _on_the_flange(recorded: RecordedMotion, phi: Array, axis: Array) -> tuple[f
         return float(WrenchMoments.of(recorded.wrench, load_wrench(phi, *turned)).unexplained.sum())
 
     near = min(range(-180, 180, 30), key=left)
-    best = scipy.optimize.minimize_scalar(
-        left, bounds=(near - 30.0, near + 30.0), method="bounded", options={"xatol": 0.1}
-    )
+    best = minimize_scalar(left, bounds=(near - 30.0, near + 30.0), method="bounded", options={"xatol": 0.1})
     return float((best.x + 180.0) % 360.0 - 180.0), float(best.fun)
 
 
@@ -123,13 +122,11 @@ def _other_axes(robot: RobotModel, position: Array, rotation: Array) -> Iterator
             above[j, n] = turned[j, n] @ own.T
     for j, name in enumerate(names):
         beyond = turned[j].transpose(0, 2, 1) @ rotation
-        own = np.abs(
-            scipy.spatial.transform.Rotation.from_matrix(above[j].transpose(0, 2, 1) @ turned[j]).as_rotvec()
-        ).sum(axis=0)
+        own = np.abs(Rotation.from_matrix(above[j].transpose(0, 2, 1) @ turned[j]).as_rotvec()).sum(axis=0)
         for axis, unit in zip("xyz", np.eye(3), strict=True):
             if own @ unit > _SAME_AXIS * own.sum() > 0.0:
                 continue
-            other = scipy.spatial.transform.Rotation.from_rotvec(position[:, j, None] * unit).as_matrix()
+            other = Rotation.from_rotvec(position[:, j, None] * unit).as_matrix()
             yield f"{name} turned about the {axis} axis of its frame", above[j] @ other @ beyond
         yield f"{name} did not turn, but slid", above[j] @ beyond
 
