@@ -25,112 +25,262 @@ POISE_EXPORT void poise_pendulum(int64_t n, const double *start, const double *d
 }
 
 enum { MOST_LINKS = 16, PROJECTIONS = 12 };
+static const double LENGTH_ERROR = 1e-8; /* of a link's square, relative */
 
+/* A vector for each link. */
 typedef struct {
-  double at[3];
-} vector;
+  double at[3][MOST_LINKS];
+} vectors;
 
-static vector plus(vector a, double scale, vector b) {
-  const vector out = {{a.at[0] + scale * b.at[0], a.at[1] + scale * b.at[1], a.at[2] + scale * b.at[2]}};
-  return out;
+/* Links (above each bead) of beads (below each link); the first link begins at the pivot, the origin. */
+static POISE_INLINE void linked(int links, const vectors *bead, vectors *link) {
+  for (int axis = 0; axis < 3; axis++) {
+    link->at[axis][0] = bead->at[axis][0];
+    for (int i = 1; i < links; i++) link->at[axis][i] = bead->at[axis][i] - bead->at[axis][i - 1];
+  }
 }
 
-static double dot3(vector a, vector b) { return a.at[0] * b.at[0] + a.at[1] * b.at[1] + a.at[2] * b.at[2]; }
-
-static vector cross3(vector a, vector b) {
-  const vector out = {{a.at[1] * b.at[2] - a.at[2] * b.at[1], a.at[2] * b.at[0] - a.at[0] * b.at[2],
-                       a.at[0] * b.at[1] - a.at[1] * b.at[0]}};
-  return out;
+static POISE_INLINE double dot_of(const vectors *a, int i, const vectors *b, int j) {
+  return a->at[0][i] * b->at[0][j] + a->at[1][i] * b->at[1][j] + a->at[2][i] * b->at[2][j];
 }
 
-/* Move beads so that each is a link from the one above it, by forces along the links before the step (SHAKE): Newton's
- * method on all tensions at once, whose matrix has three bands. Bead 0 is the pivot. */
-static void projected(int links, const double *square, const double *inverse, const vector *along, const vector *free,
-                      vector *bead) {
-  double tension[MOST_LINKS + 2] = {0.0}, lower[MOST_LINKS + 1], diagonal[MOST_LINKS + 1], upper[MOST_LINKS + 1];
-  double right[MOST_LINKS + 1];
-  for (int pass = 0; pass < PROJECTIONS; pass++) {
-    double worst = 0.0;
-    for (int i = 1; i <= links; i++) {
-      bead[i] = plus(free[i], -inverse[i] * tension[i], along[i]);
-      if (i < links) bead[i] = plus(bead[i], inverse[i] * tension[i + 1], along[i + 1]);
+static POISE_INLINE void crossed(int links, const vectors *a, const vectors *b, vectors *out) {
+  for (int i = 0; i < links; i++) {
+    out->at[0][i] = a->at[1][i] * b->at[2][i] - a->at[2][i] * b->at[1][i];
+    out->at[1][i] = a->at[2][i] * b->at[0][i] - a->at[0][i] * b->at[2][i];
+    out->at[2][i] = a->at[0][i] * b->at[1][i] - a->at[1][i] * b->at[0][i];
+  }
+}
+
+/* Solve three bands from both ends to the middle, as divisions that wait for each other take most of the time. `lower`
+ * and `upper` are the entries beside the diagonal in each row. The solution is in `right`. */
+static POISE_INLINE void solved(int links, const double *lower, double *diagonal, const double *upper, double *right) {
+  const int low = (links - 1) / 2, high = links - 1; /* rows low and low + 1 meet */
+  double inverse[MOST_LINKS];
+  for (int i = 0; i < low; i++) {
+    inverse[i] = 1.0 / diagonal[i];
+    const double share = lower[i + 1] * inverse[i];
+    diagonal[i + 1] -= share * upper[i];
+    right[i + 1] -= share * right[i];
+  }
+  for (int i = high; i > low + 1; i--) {
+    inverse[i] = 1.0 / diagonal[i];
+    const double share = upper[i - 1] * inverse[i];
+    diagonal[i - 1] -= share * lower[i];
+    right[i - 1] -= share * right[i];
+  }
+  if (links == 1) {
+    right[0] /= diagonal[0];
+    return;
+  }
+  const double whole = 1.0 / (diagonal[low] * diagonal[low + 1] - upper[low] * lower[low + 1]);
+  const double above = (right[low] * diagonal[low + 1] - upper[low] * right[low + 1]) * whole;
+  right[low + 1] = (right[low + 1] * diagonal[low] - lower[low + 1] * right[low]) * whole;
+  right[low] = above;
+  for (int i = low - 1; i >= 0; i--) right[i] = (right[i] - upper[i] * right[i + 1]) * inverse[i];
+  for (int i = low + 2; i <= high; i++) right[i] = (right[i] - lower[i] * right[i - 1]) * inverse[i];
+}
+
+/* Move beads, which are free at first, so that each is a link from the one above it, by forces along the links before
+ * the step (SHAKE): Newton's method on all tensions at once, whose matrix has three bands. */
+static POISE_INLINE void projected(int links, const double *square, const double *inverse, const vectors *along,
+                                   vectors *bead) {
+  vectors link, free;
+  double lower[MOST_LINKS], diagonal[MOST_LINKS], upper[MOST_LINKS], right[MOST_LINKS];
+  for (int axis = 0; axis < 3; axis++)
+    for (int i = 0; i < links; i++) free.at[axis][i] = bead->at[axis][i];
+  linked(links, bead, &link);
+  for (int pass = 0;; pass++) {
+    int off = 0;
+    for (int i = 0; i < links; i++) {
+      right[i] = square[i] - dot_of(&link, i, &link, i);
+      off |= fabs(right[i]) >= LENGTH_ERROR * square[i];
     }
-    for (int i = 1; i <= links; i++) {
-      const vector here = plus(bead[i], -1.0, bead[i - 1]);
-      const double off = dot3(here, here) - square[i];
-      worst = fabs(off) > worst * square[i] ? fabs(off) / square[i] : worst;
-      right[i] = -off;
-      diagonal[i] = -2.0 * (inverse[i] + inverse[i - 1]) * dot3(here, along[i]);
-      lower[i] = i > 1 ? 2.0 * inverse[i - 1] * dot3(here, along[i - 1]) : 0.0;
-      upper[i] = i < links ? 2.0 * inverse[i] * dot3(here, along[i + 1]) : 0.0;
+    if (!off) return;
+    if (pass == PROJECTIONS) break;
+    for (int i = 0; i < links; i++) {
+      diagonal[i] = -2.0 * (inverse[i] + (i ? inverse[i - 1] : 0.0)) * dot_of(&link, i, along, i);
+      lower[i] = i ? 2.0 * inverse[i - 1] * dot_of(&link, i, along, i - 1) : 0.0;
+      upper[i] = i < links - 1 ? 2.0 * inverse[i] * dot_of(&link, i, along, i + 1) : 0.0;
     }
-    if (worst < 1e-8) return;
-    for (int i = 2; i <= links; i++) {
-      const double share = lower[i] / diagonal[i - 1];
-      diagonal[i] -= share * upper[i - 1];
-      right[i] -= share * right[i - 1];
+    solved(links, lower, diagonal, upper, right);
+    for (int axis = 0; axis < 3; axis++) {
+      for (int i = 0; i < links; i++) {
+        const double below = i < links - 1 ? right[i + 1] * along->at[axis][i + 1] : 0.0;
+        bead->at[axis][i] += inverse[i] * (below - right[i] * along->at[axis][i]);
+      }
     }
-    for (int i = links; i >= 1; i--) {
-      right[i] = (right[i] - (i < links ? upper[i] * right[i + 1] : 0.0)) / diagonal[i];
-      tension[i] += right[i];
-    }
+    linked(links, bead, &link);
   }
   /* A link turns by more than a right angle in a step: each bead is put at its distance from the one above it. */
-  for (int i = 1; i <= links; i++) {
-    const vector here = plus(free[i], -1.0, bead[i - 1]);
-    bead[i] = plus(bead[i - 1], sqrt(square[i] / fmax(dot3(here, here), 1e-300)), here);
+  for (int i = 0; i < links; i++) {
+    double here[3], apart = 0.0;
+    for (int axis = 0; axis < 3; axis++) {
+      here[axis] = free.at[axis][i] - (i ? bead->at[axis][i - 1] : 0.0);
+      apart += here[axis] * here[axis];
+    }
+    const double scale = sqrt(square[i] / fmax(apart, 1e-300));
+    for (int axis = 0; axis < 3; axis++) bead->at[axis][i] = (i ? bead->at[axis][i - 1] : 0.0) + scale * here[axis];
   }
 }
 
-/* A rope of beads on rods from a pivot: centres of mass and directions of its first rod, (n, 3) each.
- * `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `drive` (n, 3) m/s2 on every bead; `turn`
- * (n, 3) rad/s of the vessel; `damping` N m s/rad of each joint; `step` s. It begins straight along `start` (3,), at
- * rest. */
-POISE_EXPORT void poise_rope(int64_t n, int64_t links, const double *lengths, const double *masses,
-                             const double *start, const double *drive, const double *turn, double damping,
-                             double step, double *centres, double *directions) {
-  vector bead[MOST_LINKS + 1] = {{{0.0}}}, before[MOST_LINKS + 1], along[MOST_LINKS + 2], rate[MOST_LINKS + 2];
-  vector free[MOST_LINKS + 1] = {{{0.0}}};
-  double inverse[MOST_LINKS + 1] = {0.0}, square[MOST_LINKS + 1] = {0.0}, whole = 0.0;
-  const int count = (int)links;
-  for (int i = 1; i <= count; i++) {
-    const vector down = {{start[0], start[1], start[2]}};
-    bead[i] = plus(bead[i - 1], lengths[i - 1], down);
-    square[i] = lengths[i - 1] * lengths[i - 1];
-    inverse[i] = 1.0 / masses[i - 1];
-    whole += masses[i - 1];
+/* Displacements (3, links) in a step, times the masses, of the couples of damped joints; `damping` (links,) is that
+ * displacement of a bead for a couple on its link. `turn` (3,) is that of the vessel, `turned` what links turn by. */
+static POISE_INLINE void damped(int links, const vectors *along, const vectors *turned, const double *turn,
+                                const double *damping, vectors *moved) {
+  vectors bend, couple;
+  for (int axis = 0; axis < 3; axis++)
+    for (int i = 0; i < links; i++) {
+      const double above = (i ? turned->at[axis][i - 1] : turn[axis]) - turned->at[axis][i];
+      const double below = i < links - 1 ? turned->at[axis][i] - turned->at[axis][i + 1] : 0.0;
+      bend.at[axis][i] = damping[i] * (above - below);
+    }
+  crossed(links, &bend, along, &couple);
+  for (int axis = 0; axis < 3; axis++)
+    for (int i = 0; i < links; i++)
+      moved->at[axis][i] = couple.at[axis][i] - (i < links - 1 ? couple.at[axis][i + 1] : 0.0);
+}
+
+/* A signal of vectors (n, 3) at ascending times, linear between them and constant beyond; it is asked forwards. */
+typedef struct {
+  int64_t n, at;
+  const double *seconds, *values;
+} signal3;
+
+static POISE_INLINE void followed(signal3 *from, double time, double out[3]) {
+  while (from->at < from->n - 1 && from->seconds[from->at + 1] <= time) from->at++;
+  const double *here = from->values + 3 * from->at, since = time - from->seconds[from->at];
+  const int inside = from->at < from->n - 1 && since > 0.0;
+  const double share = inside ? since / (from->seconds[from->at + 1] - from->seconds[from->at]) : 0.0;
+  for (int axis = 0; axis < 3; axis++) out[axis] = here[axis] + (inside ? share * (here[axis + 3] - here[axis]) : 0.0);
+}
+
+/* One step of a rope: its centre of mass, the direction of its first link, and the rate of the vessel. */
+typedef struct {
+  double centre[3], first[3], turn[3];
+} rope_step;
+
+/* Force and couple (6,) of a rope of 1 kg at `here`; `before` and `after` are `apart` steps from each other. */
+static POISE_INLINE void felt(const rope_step *before, const rope_step *here, const rope_step *after, double apart,
+                              double step, double damping, double *out) {
+  const double *f = here->first, *w = here->turn;
+  const double along = f[0] * w[0] + f[1] * w[1] + f[2] * w[2];
+  double rate[3];
+  for (int axis = 0; axis < 3; axis++) {
+    rate[axis] = (after->first[axis] - before->first[axis]) / (apart * step);
+    out[axis] = -(after->centre[axis] - 2.0 * here->centre[axis] + before->centre[axis]) / (step * step);
   }
-  for (int i = 0; i <= count; i++) before[i] = bead[i];
-  for (int64_t k = 0; k < n; k++) {
-    const vector push = {{drive[3 * k], drive[3 * k + 1], drive[3 * k + 2]}};
-    vector centre = {{0.0}};
-    rate[0] = (vector){{turn[3 * k], turn[3 * k + 1], turn[3 * k + 2]}};
-    for (int i = 1; i <= count; i++) {
-      centre = plus(centre, masses[i - 1] / whole, bead[i]);
-      along[i] = plus(bead[i], -1.0, bead[i - 1]);
-      const vector old = plus(before[i], -1.0, before[i - 1]);
-      const vector turned = cross3(along[i], plus(along[i], -1.0, old));
-      rate[i] = plus((vector){{0.0}}, 1.0 / (step * square[i]), turned);
-    }
-    for (int i = 1; i <= count; i++) {
-      const vector inertia = plus(plus(bead[i], 1.0, bead[i]), -1.0, before[i]);
-      free[i] = plus(inertia, step * step, push);
-    }
-    for (int i = 1; i <= count; i++) {
-      vector torque = plus(rate[i - 1], -1.0, rate[i]);
-      if (i < count) torque = plus(plus(torque, 1.0, rate[i + 1]), -1.0, rate[i]);
-      const vector couple = cross3(torque, along[i]);
-      const double scale = damping * step * step / square[i];
-      free[i] = plus(free[i], scale * inverse[i], couple);
-      if (i > 1) free[i - 1] = plus(free[i - 1], -scale * inverse[i - 1], couple);
-    }
+  for (int axis = 0; axis < 3; axis++) {
+    const int next = (axis + 1) % 3, last = (axis + 2) % 3;
+    out[3 + axis] = damping * (f[next] * rate[last] - f[last] * rate[next] - (w[axis] - f[axis] * along));
+  }
+}
+
+/* What is asked for: force and couple (n, 6) at times; `row`: those at two steps, `steps`: the last three. */
+typedef struct {
+  int64_t n, written;
+  const double *seconds;
+  double *out, step, damping, row[2][6];
+  rope_step steps[3];
+} answer;
+
+/* Write what lies before step `k`, between two rows. */
+static POISE_INLINE void write_before(answer *to, int64_t k) {
+  const double begin = to->seconds[0] + (double)(k - 1) * to->step;
+  for (; to->written < to->n && to->seconds[to->written] < begin + to->step; to->written++)
+    for (int i = 0; i < 6; i++)
+      to->out[6 * to->written + i] =
+          to->row[0][i] + (to->row[1][i] - to->row[0][i]) * ((to->seconds[to->written] - begin) / to->step);
+}
+
+/* Step `k` shows the row of the step before it. The first row has the second difference of the next one. */
+static POISE_INLINE void write_row(answer *to, int64_t k) {
+  if (k == 0) return;
+  for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
+  felt(to->steps + (k > 1 ? 0 : 1), to->steps + 1, to->steps + 2, k > 1 ? 2.0 : 1.0, to->step, to->damping, to->row[1]);
+  for (int i = 0; i < 3; i++) {
+    if (k == 1) to->row[1][i] = 0.0;
+    if (k == 2) to->row[0][i] = to->row[1][i];
+  }
+  if (k > 1) write_before(to, k - 1);
+}
+
+/* The last row has the second difference of the one before it, and is held. */
+static POISE_INLINE void write_end(answer *to, int64_t count) {
+  for (int i = 0; i < 6; i++) to->row[0][i] = to->row[1][i];
+  felt(to->steps + 1, to->steps + 2, to->steps + 2, 1.0, to->step, to->damping, to->row[1]);
+  for (int i = 0; i < 3; i++) to->row[1][i] = to->row[0][i];
+  write_before(to, count - 1);
+  for (; to->written < to->n; to->written++)
+    for (int i = 0; i < 6; i++) to->out[6 * to->written + i] = to->row[1][i];
+}
+
+/* See poise_rope, which has this twice: the compiler unrolls the loops over a number of links that it knows. */
+static POISE_INLINE void hung(int links, const double *lengths, const double *masses, signal3 drives, signal3 turns,
+                              int64_t count, answer *to) {
+  vectors bead, before, along, old, change, turned, moved;
+  double inverse[MOST_LINKS], square[MOST_LINKS], share[MOST_LINKS], rate[MOST_LINKS], held[MOST_LINKS], whole = 0.0;
+  const double step = to->step, *start = drives.values;
+  const double pulled = sqrt(start[0] * start[0] + start[1] * start[1] + start[2] * start[2]);
+  for (int i = 0; i < links; i++) {
+    square[i] = lengths[i] * lengths[i];
+    inverse[i] = 1.0 / masses[i];
+    rate[i] = 1.0 / (step * square[i]);
+    held[i] = to->damping * step * step / square[i];
+    whole += masses[i];
     for (int axis = 0; axis < 3; axis++) {
-      centres[3 * k + axis] = centre.at[axis];
-      directions[3 * k + axis] = along[1].at[axis] / lengths[0];
+      old.at[axis][i] = lengths[i] * (start[axis] / pulled);
+      before.at[axis][i] = bead.at[axis][i] = (i ? bead.at[axis][i - 1] : 0.0) + old.at[axis][i];
     }
-    for (int i = 1; i <= count; i++) before[i] = bead[i];
-    projected(count, square, inverse, along, free, bead);
   }
+  for (int i = 0; i < links; i++) share[i] = masses[i] / whole;
+  for (int64_t k = 0; k < count; k++) {
+    rope_step *now = to->steps + 2;
+    double drive[3];
+    to->steps[0] = to->steps[1], to->steps[1] = to->steps[2];
+    followed(&drives, to->seconds[0] + (double)k * step, drive);
+    followed(&turns, to->seconds[0] + (double)k * step, now->turn);
+    linked(links, &bead, &along);
+    for (int axis = 0; axis < 3; axis++) {
+      now->centre[axis] = 0.0;
+      for (int i = 0; i < links; i++) {
+        now->centre[axis] += share[i] * bead.at[axis][i];
+        change.at[axis][i] = along.at[axis][i] - old.at[axis][i];
+      }
+      now->first[axis] = along.at[axis][0] / lengths[0];
+    }
+    crossed(links, &along, &change, &turned);
+    for (int axis = 0; axis < 3; axis++)
+      for (int i = 0; i < links; i++) turned.at[axis][i] *= rate[i];
+    damped(links, &along, &turned, now->turn, held, &moved);
+    for (int axis = 0; axis < 3; axis++)
+      for (int i = 0; i < links; i++) {
+        const double here = bead.at[axis][i];
+        const double onward = here + here - before.at[axis][i] + step * step * drive[axis];
+        bead.at[axis][i] = onward + inverse[i] * moved.at[axis][i];
+        before.at[axis][i] = here;
+        old.at[axis][i] = along.at[axis][i];
+      }
+    projected(links, square, inverse, &along, &bead);
+    write_row(to, k);
+  }
+  write_end(to, count);
+}
+
+enum { USUAL_LINKS = 4 };
+
+/* Force and couple (n, 6) on its pivot of a rope of beads on rods, of 1 kg in all, beside those of that mass at the
+ * pivot. `lengths`, `masses` (links,) of each rod and of the bead at its lower end; `pull` (n, 3) m/s2 on every bead
+ * and `rates` (n, 3) rad/s of the vessel, linear between the `seconds` (n,); `damping` N m s/rad of each joint;
+ * `count` steps, 2 at least. It begins straight along the pull, at rest. */
+POISE_EXPORT POISE_WIDE void poise_rope(int64_t n, int64_t links, const double *lengths, const double *masses,
+                                        const double *seconds, const double *pull, const double *rates, double damping,
+                                        int64_t count, double *out) {
+  const signal3 drives = {n, 0, seconds, pull}, turns = {n, 0, seconds, rates};
+  const double step = (seconds[n - 1] - seconds[0]) / (double)(count - 1);
+  answer to = {n, 0, seconds, out, step, damping, {{0.0}}, {{{0.0}, {0.0}, {0.0}}}};
+  if (links == USUAL_LINKS) hung(USUAL_LINKS, lengths, masses, drives, turns, count, &to);
+  else hung((int)links, lengths, masses, drives, turns, count, &to);
 }
 
 /* Steps in a time in which a part stays at a stop, at the most. */

@@ -29,7 +29,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque", "gripping"},
     {"geometry", "kernels", "keystore", "serial_bus"},
-    {"types", "errors", "files", "ranges", "registry", "notebooks", "threads"},
+    {"types", "errors", "files", "ranges", "registry", "notebooks", "threads", "memory"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 

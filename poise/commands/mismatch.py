@@ -42,6 +42,7 @@ from poise.commands.output import (
 )
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
+from poise.memory import keep_freed_memory
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, diagnose
 from poise.mismatch.application import found_drives
 from poise.mismatch.comparing import Comparison
@@ -162,6 +163,7 @@ def mismatch(
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
     refuse_folder(json_target, "--json")
+    keep_freed_memory()
     if scene is not None:
         _scene_alone(bags, (model, report, save, separate, against, joints, export, into, payload_link))
         from poise.commands.mismatch_scene import answer_scene  # it loads the assembly engine, which takes long

@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 8
+_VERSION = 9
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -37,7 +37,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_pendulum": (None, [_INT, *[_POINTER] * 3, ctypes.c_double, _POINTER]),
     "poise_rope": (
         None,
-        [_INT, _INT, *[_POINTER] * 5, ctypes.c_double, ctypes.c_double, _POINTER, _POINTER],
+        [_INT, _INT, *[_POINTER] * 5, ctypes.c_double, _INT, _POINTER],
     ),
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
     "poise_elastic_new": (_POINTER, [_POINTER]),

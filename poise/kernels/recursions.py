@@ -31,32 +31,32 @@ def pendulum(start: Array, drive: Array, turn: Array, half: float) -> Array:
 
 
 def rope(
-    lengths: Array, masses: Array, start: Array, drive: Array, turn: Array, damping: float, step: float
+    lengths: Array, masses: Array, seconds: Array, pull: Array, rate: Array, damping: float, steps: int
 ) -> tuple[Array, Array]:
-    """Centres of mass (N, 3), m, and directions of the first link (N, 3) of a rope; needs `COMPILED`.
+    """Force and couple of a rope on its pivot, (N, 3) each, see `hanging_rope`; needs `COMPILED`.
 
     Args:
         lengths: (L,) m of the links, at most 16.
-        masses: (L,) kg at their lower ends.
-        start: (3,) its direction at the first step, where it rests.
-        drive: (N, 3) m/s2 on each mass.
-        turn: (N, 3) rad/s of what the first link hangs from.
+        masses: (L,) kg at their lower ends, 1 kg in all.
+        seconds: (N,) ascending, two at least.
+        pull: (N, 3) m/s2 on each mass.
+        rate: (N, 3) rad/s of what the first link hangs from.
         damping: N m s/rad of each joint.
-        step: s.
+        steps: from the first time to the last, two at least.
 
     Raises:
-        InputError: TYPE_MISMATCH for arrays of other shapes, or more than 16 links.
+        InputError: TYPE_MISMATCH for arrays of other shapes, or other numbers of links, times or steps.
     """
-    push = contiguous(drive, -1, 3, what="drives")
-    turned = contiguous(turn, len(push), 3, what="turns")
-    begin, weights = contiguous(start, 3, what="the start"), contiguous(masses, -1, what="masses")
+    at, weights = contiguous(seconds, -1, what="times"), contiguous(masses, -1, what="masses")
     if not 0 < len(weights) <= _MOST_LINKS:
         raise InputError(ErrorCode.TYPE_MISMATCH, f"a rope has 1 to {_MOST_LINKS} links, not {len(weights)}")
-    centres, directions = np.empty(push.shape), np.empty(push.shape)
-    rods = contiguous(lengths, len(weights), what="lengths")
-    given = (address(rods), address(weights), address(begin), address(push), address(turned))
-    library.poise_rope(len(push), len(weights), *given, damping, step, address(centres), address(directions))
-    return centres, directions
+    if min(len(at), steps) < 2:
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"a rope needs two times and steps, not {len(at)} and {steps}")
+    push, turned = contiguous(pull, len(at), 3, what="pulls"), contiguous(rate, len(at), 3, what="rates")
+    rods, felt = contiguous(lengths, len(weights), what="lengths"), np.empty((len(at), 6))
+    given = (address(rods), address(weights), address(at), address(push), address(turned))
+    library.poise_rope(len(at), len(weights), *given, damping, steps, address(felt))
+    return felt[:, :3], felt[:, 3:]
 
 
 def between_stops(seconds: Array, push: Array, gap: float, settling: float, blur: float) -> Array:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from poise.kernels import rope
 from poise.mismatch.effects import rope_motion
 from poise.mismatch.effects.rope_motion import hanging_rope, rope_modes
 
@@ -114,3 +115,14 @@ def test_the_number_of_steps_is_bounded(monkeypatch):
     monkeypatch.setattr(rope_motion, "_moved", still)
     hanging_rope(SECONDS, GRAVITY - pushed(20.0), STILL, 0.02, 0.9, 0.3)
     assert steps[0] <= 2.0 * SECONDS[-1] / rope_motion._SHORTEST_STEP
+
+
+@pytest.mark.parametrize(("links", "times"), [(1, 40), (2, 40), (5, 40), (4, 2), (4, 3)])
+def test_both_forms_agree_for_other_links_and_short_recordings(links, times):
+    rng = np.random.default_rng(links)
+    seconds, masses = np.cumsum(rng.uniform(0.005, 0.015, times)), rng.dirichlet(np.ones(links))
+    pull, rate = GRAVITY + rng.normal(size=(times, 3)), rng.normal(size=(times, 3))
+    given = rng.uniform(0.05, 0.2, links), masses, seconds, pull, rate, 1e-4
+    for steps in (2, 3, 5 * times):
+        compiled, plain = rope(*given, steps), rope_motion._swung(*given, steps)
+        np.testing.assert_allclose(np.array(compiled), np.array(plain), atol=1e-6)

@@ -262,7 +262,7 @@ def test_inside_the_bounds_there_is_no_penalty() -> None:
     squares = []
     for size in (0.0, 0.999, 1.5):
         target = size * columns.sum(axis=0)
-        regression = WhitenedRegression(columns, np.full(3, 3.0), np.zeros(3), target, np.ones(3))
+        regression = WhitenedRegression((columns,), np.full(3, 3.0), np.zeros(3), target, np.ones(3))
         squares.append(regression.square)
     assert squares[1] - squares[0] < 0.05
     assert squares[2] - squares[0] == pytest.approx(0.25 * float(columns.sum(axis=0) @ columns.sum(axis=0)), rel=0.01)

@@ -100,12 +100,19 @@ def hanging_rope(
     # From a geometric ladder: the steps do not change with every length that is tried.
     finer = np.ceil(2.0 * np.log2(_LONGEST_STEP / wanted))
     count = int(np.ceil((seconds[-1] - seconds[0]) / _LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
-    even = np.linspace(seconds[0], seconds[-1], count)
+    swung = compiled_rope if COMPILED else _swung
+    return swung(link * _LENGTHS, modes.masses, seconds, pull, rate, damping, count)
+
+
+def _swung(
+    lengths: Array, masses: Array, seconds: Array, pull: Array, rate: Array, damping: float, steps: int
+) -> tuple[Array, Array]:
+    """See `poise.kernels.rope`."""
+    even = np.linspace(seconds[0], seconds[-1], steps)
     step = float(even[1] - even[0])
     drive, turn = linear_at(seconds, pull, even), linear_at(seconds, rate, even)
     start = drive[0] / np.linalg.norm(drive[0])
-    moved = compiled_rope if COMPILED else _moved
-    centres, first = moved(link * _LENGTHS, modes.masses, start, drive, turn, damping, step)
+    centres, first = _moved(lengths, masses, start, drive, turn, damping, step)
     second = np.zeros_like(centres)
     second[1:-1] = (centres[2:] - 2.0 * centres[1:-1] + centres[:-2]) / step**2
     second[0], second[-1] = second[1], second[-2]
@@ -117,7 +124,16 @@ def hanging_rope(
 def _moved(
     lengths: Array, masses: Array, start: Array, drive: Array, turn: Array, damping: float, step: float
 ) -> tuple[Array, Array]:
-    """See `poise.kernels.rope`."""
+    """Centres of mass (N, 3), m, and directions (N, 3) of the first link at even steps.
+
+    Args:
+        lengths, masses: (L,) m of the links, and kg at their lower ends.
+        start: (3,) its direction at the first step, where it rests.
+        drive: (N, 3) m/s2 on each mass.
+        turn: (N, 3) rad/s of what the first link hangs from.
+        damping: N m s/rad of each joint.
+        step: s.
+    """
     beads = np.outer(np.cumsum(lengths), start)
     before, inverse, square = beads, 1.0 / masses, lengths[:, None] ** 2
     centres, directions = [], []

@@ -30,7 +30,8 @@ class WhitenedRegression:
     """Whitened data and the columns that are fitted under every hypothesis.
 
     Args:
-        columns: (k, R) whitened, in the order channel by channel, each in time.
+        pieces: (k_i, R) whitened columns, in the order channel by channel, each in time; k is the sum of all k_i. They
+            are not put together: the copy would take as long as their products.
         precision: (k,) of normal priors; 0 is none. Of bounded coefficients: 3 / bound^2.
         mean: (k,) of normal priors; 0 for bounded coefficients.
         target: (R,) whitened residual.
@@ -40,7 +41,7 @@ class WhitenedRegression:
         channels: of the data.
     """
 
-    columns: Array
+    pieces: tuple[Array, ...]
     precision: Array
     mean: Array
     target: Array
@@ -50,20 +51,30 @@ class WhitenedRegression:
     channels: int = 1
 
     @cached_property
+    def columns(self) -> Array:
+        """(k, R) the pieces together."""
+        return self.pieces[0] if len(self.pieces) == 1 else np.vstack(self.pieces)
+
+    @property
+    def count(self) -> int:
+        """k, the number of columns."""
+        return len(self.mean)
+
+    @cached_property
     def bounds(self) -> Array:
         """(k,) half-widths of the uniform priors."""
         return np.broadcast_to(self.bound, self.mean.shape)
 
     @cached_property
     def _normal(self) -> Array:
-        normal = np.zeros((len(self.columns), len(self.columns)))
+        normal = np.zeros((self.count, self.count))
         for rows, _, part in self._parts if self._small else self._taken():
             normal[rows[:, None], rows] += part @ part.T
         return normal
 
     @property
     def _small(self) -> bool:
-        return self.columns.nbytes < _KEPT
+        return sum(piece.nbytes for piece in self.pieces) < _KEPT
 
     @cached_property
     def _parts(self) -> list[tuple[NDArray[np.intp], slice, Array]]:
@@ -83,8 +94,8 @@ class WhitenedRegression:
     def _across(self, others: Array) -> Array:
         """(k, m) products with other columns (m, R)."""
         if not self._small:
-            return np.asarray(self.columns @ others.T)
-        products = np.zeros((len(self.columns), len(others)))
+            return np.vstack([piece @ others.T for piece in self.pieces])
+        products = np.zeros((self.count, len(others)))
         for rows, place, part in self._parts:
             products[rows] += part @ others[:, place].T
         return products
@@ -132,7 +143,9 @@ class WhitenedRegression:
     @property
     def residual(self) -> Array:
         """(R,) whitened data less the columns at the most likely coefficients."""
-        return np.asarray(self.target - self._solved @ self.columns)
+        ends = np.cumsum([len(piece) for piece in self.pieces])
+        parts = zip(np.split(self._solved, ends[:-1]), self.pieces, strict=True)
+        return np.asarray(self.target - sum(part @ piece for part, piece in parts))
 
     def covariance(self) -> Array:
         """(k, k) of c, with uniform priors as normal ones."""
@@ -152,7 +165,7 @@ class WhitenedRegression:
     ) -> "WhitenedRegression":
         """With further columns that every later hypothesis includes."""
         made = WhitenedRegression(
-            np.vstack([self.columns, extra]),
+            (*self.pieces, extra),
             np.concatenate([self.precision, precision]),
             np.concatenate([self.mean, mean]),
             self.target,
@@ -162,11 +175,12 @@ class WhitenedRegression:
         )
         across = self._across(extra)
         made.__dict__["_normal"] = np.block([[self._normal, across], [across.T, extra @ extra.T]])
+        made.__dict__["right"] = np.concatenate([self.right, extra @ self.target + made.penalty[self.count :] * mean])
         return made
 
     def with_target(self, target: Array) -> "WhitenedRegression":
         """These columns with another residual (R,); their products are reused."""
-        known = (self.columns, self.precision, self.mean, target, self.bounds, self._solved)
+        known = (self.pieces, self.precision, self.mean, target, self.bounds, self._solved)
         made = WhitenedRegression(*known, self.channel, self.channels)
         made.__dict__.update(_normal=self._normal, _factor=self._factor, curvature=self.curvature)
         if self._small:

@@ -393,5 +393,5 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     response = problem.predicted(at.whole) - problem.predicted(problem.recorded)
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
-    straight = np.concatenate([np.ones(len(whole.columns) - len(linear), dtype=bool), linear])
+    straight = np.concatenate([np.ones(whole.count - len(linear), dtype=bool), linear])
     return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, at.covariances(whole), straight)

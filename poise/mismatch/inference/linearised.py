@@ -61,7 +61,7 @@ class Linearised:
 
     def covariances(self, whole: WhitenedRegression) -> tuple[Array, ...]:
         """Of each part's parameters, from `regression`; parameters that were not fitted have their resolution."""
-        size = len(self.calibration.columns)
+        size = self.calibration.count
         covariance = whole.covariance()[size:, size:]
         own = self.parameters()
         found = []

@@ -227,7 +227,7 @@ class Problem:
         target = self.whiten(self.measured - self.predicted(recorded))
         channel = np.concatenate([group.alone for group in groups])[keep]
         rest = np.zeros(len(bound)), target, bound
-        return WhitenedRegression(white, precision, *rest, channel=channel, channels=self.measured.shape[1])
+        return WhitenedRegression((white,), precision, *rest, channel=channel, channels=self.measured.shape[1])
 
     def _whitened(self, group: CalibrationGroup) -> Array:
         """(k, R) columns of the errors that have a response; groups of the motion alone are kept."""

@@ -251,7 +251,7 @@ def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     similar = [each for each in found if each.log_evidence >= near and alike(own, each.parts[-1].effect)]
-    return min((best, *similar), key=lambda each: each.regression.columns.shape[0])
+    return min((best, *similar), key=lambda each: each.regression.count)
 
 
 def prescreen(
