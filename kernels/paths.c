@@ -153,7 +153,7 @@ static void go_along(struct following *f, double done, double way, double ahead)
       leave(f, f->here, 1);
       return;
     }
-    if (here.steps <= FEW) longest = fmin(longest, AFTER_FEW) * fmin(longest, AFTER_FEW);
+    if (here.steps <= MANY) longest = fmin(longest, AFTER_FEW) * fmin(longest, AFTER_FEW);
     ahead = fmin(longest, here.steps <= FEW ? AFTER_FEW : AFTER_MANY);
     done = way;
     way *= ahead;

@@ -15,8 +15,7 @@ from poise.types import Array, Indices
 
 # The first step loads the block by this share of the most that is asked, or of its weight.
 _FIRST_SHARE, _FIRST_WEIGHT = 0.25, 0.25
-# How far the next step goes, as a multiple of the way so far: after many Newton steps, or few. After a step that had to
-# be shorter the next ones are no longer than that, until one takes few.
+# How far the next step goes, as a multiple of the way so far: after many Newton steps, or few.
 _AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
 _MOST, _MANY, _SURE = 25, 10, 1.5
 """Newton steps to one point. After more than `_MANY` a longer step than `_SURE` may have led to another equilibrium: a
@@ -204,7 +203,7 @@ def _followed(
             slope = here.change / here.compliance
         else:
             slope = (here.displacement - last.displacement) / (way - done)
-        longest = longest if here.steps > _FEW else min(longest, _AFTER_FEW) ** 2
+        longest = longest if here.steps > _MANY else min(longest, _AFTER_FEW) ** 2
         ahead = min(longest, _AFTER_FEW if here.steps <= _FEW else _AFTER_MANY)
         done, way = way, ahead * way
         guess = here.displacement + (way - done) * slope
