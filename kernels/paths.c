@@ -8,7 +8,7 @@
 
 /* As in load_path.py and coulomb.py, where they are explained. */
 static const double FIRST_SHARE = 0.25, FIRST_WEIGHT = 0.25, AFTER_MANY = 2.0, AFTER_FEW = 3.0, SURE = 1.5,
-                    LEAST_GROWTH = 1.1, SETTLED = 1e-7, REACHED = 2e-4, CARRIED = 5e-5, LEAST_LOAD = 1e-2,
+                    LEAST_GROWTH = 1.04, SETTLED = 1e-7, REACHED = 2e-4, CARRIED = 5e-5, LEAST_LOAD = 1e-2,
                     STEEP = 0.25, NEAR_END = 0.97;
 enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6, SMALL = 20 };
 

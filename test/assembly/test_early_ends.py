@@ -29,7 +29,7 @@ def test_what_is_not_marked_collapses_at_a_little_more(answered):
     assert found.complete
     for push, result in zip(pushes, found.results, strict=True):
         # The other solver does not find every state: it misses some at half of the load as well.
-        assert any(stands(analysis, push, share * result.robustness) for share in (0.95, 0.99))
+        assert any(stands(analysis, push, share * result.robustness) for share in (0.95, 0.96, 0.98, 0.99))
         assert result.doubtful or not stands(analysis, push, 1.03 * result.robustness)
 
 

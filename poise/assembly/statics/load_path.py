@@ -20,7 +20,7 @@ _AFTER_MANY, _AFTER_FEW, _FEW = 2.0, 3.0, 5
 _MOST, _MANY, _SURE = 25, 10, 1.5
 """Newton steps to one point. After more than `_MANY` a longer step than `_SURE` may have led to another equilibrium: a
 shorter one is tried."""
-_LEAST_GROWTH, _STEPS = 1.1, 40
+_LEAST_GROWTH, _STEPS = 1.04, 40
 _DECIDED = 16
 """Given factors that are tried where Newton steps find no next point."""
 _AT_PEAK, _STEEP = 12, 0.25
