@@ -252,7 +252,7 @@ def _nearer(cord: Array, middle: Array) -> Array:
 
 
 def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array, on_base: float) -> list[Array]:
-    """(8,) the cords that explain most of a residual, the best first: many anchors, each with the hook that suits it.
+    """(8,) cords that explain most of a residual, of many anchors with the hook that suits each; last, a steady pull.
 
     The wrench of a cord is linear in its stiffness and in stiffness times hook, if the hook hardly changes its length.
 
@@ -271,7 +271,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
     stretch = length - np.maximum(rests, 0.0)[:, :, None]  # (S, A, N)
     speed = np.gradient(length, few.seconds, axis=1)
     tension = np.array([np.maximum(stretch + time * speed, 0.0) * (stretch > 0.0) for time in _DAMPED])
-    toward = np.einsum("nji,anj->ain", turn, away / length[:, :, None])
+    toward = np.einsum("nji,anj->ain", turn, away / np.maximum(length, 1e-6)[:, :, None])
     pull = (tension[:, :, :, None] * toward).reshape(-1, 3, len(few))
     normal, right = _by_stiffness_and_hook(pull, error_states(few), wanted * weight, weight**2)
     solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
@@ -292,8 +292,8 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
                 break
         found += best.values()
     # A force that hardly changes is an error of the bias, too: nothing of it is left beside errors.
-    pull = np.einsum("nij,nj->i", turn, left[:, :3])
-    anchor = place.mean(axis=0) + pull / max(float(np.linalg.norm(pull)), 1e-9)
+    force = np.einsum("nij,nj->i", turn, left[:, :3])
+    anchor = place.mean(axis=0) + force / max(float(np.linalg.norm(force)), 1e-9)
     return [*found, np.array([*anchor, 0.5, *steady[1:], _DAMPED[0]])]
 
 
