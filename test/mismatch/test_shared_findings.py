@@ -89,6 +89,16 @@ def test_efforts_follow_the_base_and_the_encoders(name: str) -> None:
     assert np.abs(acting.simulate(reading.recorded, values) - change).max() < 0.02 * np.abs(change).max()
 
 
+@pytest.mark.parametrize(("returns", "inert"), [(0.0, ("length",)), (1.0, ())])
+def test_what_has_no_effect_on_the_wrench_has_none_on_joint_efforts(returns: float, inert: tuple[str, ...]) -> None:
+    """Otherwise evidence is lost for the time at which a change ends, although it stays."""
+    step = effect_named("mass_step")
+    assert step is not None
+    acting = acting_on_efforts(step)
+    assert acting is not None
+    assert acting.inert({"returns": returns}) == step.inert({"returns": returns}) == inert
+
+
 def test_efforts_follow_a_base_that_accelerates() -> None:
     """For arm and load, an acceleration of the base is gravity turned: the Newton-Euler algorithm with it added."""
     reading = read(Recorded(seconds=6.0, effort_noise=0.0).joints())

@@ -43,7 +43,7 @@ FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
 proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
-_NO_BETTER = 1.01
+_NO_BETTER = 1.02
 """Held-out error beside another answer as good, relative to the error of that one, from which this is no better."""
 _LEAST = 1e-3
 """Least energy above that of noise of the nominal model by which a misfit is divided."""

@@ -37,8 +37,9 @@ _REFINED, _STEPS, _ROUGHLY, _KEPT = 2, 40, 1e-3, 2
 _UNDAMPED, _MOST, _DAMPED = 1e-3, 100.0, (0.05, 1.0)
 """s, damping relative to stiffness: of a cord that is as good as undamped, of one that hardly has a stiffness, and of
 those from which the search begins."""
-_SELDOM = 0.2
-"""Share of the samples in which a cord is taut, below which it acts as a contact."""
+_SELDOM, _BRIEFLY = 0.2, 0.1
+"""Shares of the samples in which a cord is taut, below which a contact is as likely, and likelier: cords of other
+recordings are taut for four tenths of them and more."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
 
@@ -135,8 +136,12 @@ class Cable(Effect):
 
     def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
         """A cord that is hardly ever taut pulls as something that is touched pushes: its direction hardly changes."""
-        taut = float(np.mean(_line(recorded, values).tension > 0.0))
-        return ("contact",) if taut < _SELDOM else ()
+        return ("contact",) if _taut(recorded, values) < _SELDOM else ()
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        taut = _taut(recorded, values)
+        brief = f"it would be taut for {100 * taut:.0f} % of the time, as a contact" if taut < _BRIEFLY else ""
+        return super().implausible(recorded, values) or brief
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         place = ", ".join(f"{values[name]:.2f}" for name in _ANCHOR)
@@ -204,6 +209,11 @@ class _Line:
         found[:, 3:] = cross(self.hook[:, None], found[:, :3], axis=-2)
         found[:, 3:, 4:7] += cross(np.eye(3), (self.tension[:, None] * toward)[:, :, None], axis=-2)
         return found
+
+
+def _taut(recorded: RecordedMotion, values: Values) -> float:
+    """Share of the samples in which a cord pulls."""
+    return float(np.mean(_line(recorded, values).tension > 0.0))
 
 
 def _line(recorded: RecordedMotion, values: Values) -> _Line:
@@ -294,7 +304,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
     # A force that hardly changes is an error of the bias, too: nothing of it is left beside errors.
     force = np.einsum("nij,nj->i", turn, left[:, :3])
     anchor = place.mean(axis=0) + force / max(float(np.linalg.norm(force)), 1e-9)
-    return [*found, np.array([*anchor, 0.5, *steady[1:], _DAMPED[0]])]
+    return [*found, np.array([*anchor, 0.5, *steady[1:], _UNDAMPED])]
 
 
 def _by_stiffness_and_hook(pull: Array, errors: Array, wanted: Array, weight: Array) -> tuple[Array, Array]:

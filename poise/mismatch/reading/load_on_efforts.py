@@ -43,6 +43,9 @@ class _OnEfforts(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return self._inner.derived(recorded, values)
 
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return self._inner.inert(values)
+
     def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
         return self._inner.twins(recorded, values)
 
