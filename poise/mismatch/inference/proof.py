@@ -52,7 +52,7 @@ LEAST_BESIDE = 100.0
 """log evidence that an event of free course, or an effect beside a stronger one, must win: noise of other families than
 those of the noise model gives up to 90 to what is free to follow it (healthy and other cases of benchmarks.foreign)."""
 _LEAST_OF_LAW = 0.01
-"""Share of the evidence of the strongest effect that an event which ends must win beside it."""
+"""Share of the evidence of the strongest effect that a brief event must win beside it."""
 _LEAST_OF_FRICTION = 0.02
 """Share of the log evidence of all effects that a dry friction must win beside another one: no law of it is exact."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
@@ -174,7 +174,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             # What fails by itself is no stronger effect, beside which another one is faint.
             strongest = max((proof.support for proof in proofs), default=0.0)
             lacking = [
-                faint(part.effect, proof, strongest, _stays(problem, part))
+                faint(part.effect, proof, strongest, _brief(problem, part))
                 or _detail_of_friction(state, problem, whole, part, proof)
                 for part, proof in zip(whole.parts, proofs, strict=True)
             ]
@@ -208,11 +208,10 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
         and proof.share < _LEAST_OF_BASE
     ):
         return "the odometry of the base may be wrong by as much"
-    windows, stays = part.effect.windows(recorded, part.values), _stays(problem, part)
     shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
-    if not (stays or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
+    if not (_stays(problem, part) or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
-    if windows and not stays and sum(end - begin for begin, end in windows) < BRIEF * recorded.duration:
+    if _brief(problem, part):
         if not part.effect.free_course and proof.support >= _SURE:
             return ""
         if proof.elsewhere > _MOST_ELSEWHERE:
@@ -228,14 +227,21 @@ def _stays(problem: Problem, part: FittedEffect) -> bool:
     return any(end >= problem.recorded.seconds[-1] for _, end in windows)
 
 
-def faint(effect: Effect, proof: EffectProof, strongest: float, stays: bool = False) -> str:
+def _brief(problem: Problem, part: FittedEffect) -> bool:
+    """Whether an effect is an event that ends and takes a small share of the recording."""
+    windows = part.effect.windows(problem.recorded, part.values)
+    total = sum(end - begin for begin, end in windows)
+    return bool(windows) and not _stays(problem, part) and total < BRIEF * problem.recorded.duration
+
+
+def faint(effect: Effect, proof: EffectProof, strongest: float, brief: bool = False) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
-    of free course follows noise, too. One that ends follows what the law of a far stronger effect leaves: no model is
-    exact. What an event that `stays` changes is there to the end of the recording.
+    of free course follows noise, too. It and a `brief` one follow what the law of a far stronger effect leaves: no
+    model is exact.
     """
-    if not (effect.transfers or stays) and proof.support < _LEAST_OF_LAW * strongest:
+    if (effect.free_course or brief) and proof.support < _LEAST_OF_LAW * strongest:
         return f"its evidence, {proof.support:.0f} nats, may come from the law of an effect with {strongest:.0f}"
     alone = not effect.free_course and proof.support >= strongest
     if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
