@@ -150,6 +150,7 @@ def test_an_event_that_is_one_of_several_is_known_by_what_is_left_elsewhere(
     energy[200:280] = 6 * 3.0**2
     left[:, 600:680] += 3.0 * again
     assert least <= elsewhere(left, energy, energy / energy.sum()) <= most
+    assert elsewhere(left, 0.0 * energy, 0.0 * energy) == 0.0  # of an effect whose fit is zero
 
 
 def test_a_gain_that_changes_as_the_sensor_warms_up_is_no_leak_of_the_payload() -> None:

@@ -347,7 +347,7 @@ def elsewhere(left: Array, energy: Array, share: Array) -> float:
     """Largest energy above that of noise of a residual (C, N) in a window outside an event, relative to the event's."""
     acts = share > _ACTS * share.max()
     count, outside = int(acts.sum()), ~acts
-    if int(outside.sum()) <= count:
+    if count == 0 or int(outside.sum()) <= count:
         return 0.0
     squares = np.minimum(left[:, outside] ** 2, _SPIKE**2).sum(axis=0)
     sums = np.convolve(squares - squares.mean(), np.ones(count), mode="valid")

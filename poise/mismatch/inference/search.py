@@ -95,7 +95,8 @@ def alone_in_efforts(state: HypothesisSearch) -> HypothesisFit:
     effects = [each for each in state.library if not isinstance(each, FreeCurve)]
     tried = beside(state.judging.weighed(), (), effects, state.limit)[:_PROMISING]
     found = [_together(state, [FittedEffect(each.effect, each.values)]) for each in tried if each.gain > 0.0]
-    return max(found, key=lambda each: state.fits[names(each)].log_evidence, default=state.fits[()])
+    possible = [each for each in found if np.isfinite(state.fits[names(each)].log_evidence)]
+    return max(possible, key=lambda each: state.fits[names(each)].log_evidence, default=state.fits[()])
 
 
 def testable(problem: Problem, library: Sequence[Effect] | None) -> tuple[list[Effect], dict[str, str]]:
