@@ -190,10 +190,10 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
         tried = _proven(state, best, seen, held)
         if tried[3].augmented < found[3].augmented:
             found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
-    if found[0].fit.parts or found[3].excess <= 0.0 or state.limit.over():
+    if found[0].fit.parts or not found[0].dropped or found[3].excess <= 0.0 or state.limit.over():
         return found
     # Effects that were chosen together may all lack a proof beside each other.
-    tried = _proven(state, alone_in_efforts(state), seen, held)
+    tried = _proven(state, alone_in_efforts(state, found[0].dropped), seen, held)
     return (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
 
 

@@ -90,9 +90,15 @@ def found_in_efforts(state: HypothesisSearch, refused: Collection[str] = ()) -> 
     return _together(state, screened(state.problem, effects))
 
 
-def alone_in_efforts(state: HypothesisSearch) -> HypothesisFit:
-    """The best model of joint efforts with one effect; that of the nominal model where none explains anything."""
-    effects = [each for each in state.library if not isinstance(each, FreeCurve)]
+def alone_in_efforts(state: HypothesisSearch, chosen: Collection[str]) -> HypothesisFit:
+    """The best model of joint efforts with one of some effects; that of the nominal model where none explains anything.
+
+    Alone, an event of free course explains most that others cause: it is left out.
+
+    Args:
+        state: of the search, to which the hypotheses are offered. chosen: names of the effects.
+    """
+    effects = [each for each in state.library if each.name in chosen and not each.free_course]
     tried = beside(state.judging.weighed(), (), effects, state.limit)[:_PROMISING]
     found = [_together(state, [FittedEffect(each.effect, each.values)]) for each in tried if each.gain > 0.0]
     possible = [each for each in found if np.isfinite(state.fits[names(each)].log_evidence)]
