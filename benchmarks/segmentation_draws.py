@@ -20,7 +20,7 @@ from poise.shape.metrics import global_consistency_error, undersegmentation_erro
 from poise.shape.segmentation import segment
 from poise.types import Array, Indices
 
-BOXES = np.array([[0.08, 0.05, 0.03], [0.1, 0.03, 0.02], [0.06, 0.06, 0.06], [0.12, 0.08, 0.01]])
+_BOXES = np.array([[0.08, 0.05, 0.03], [0.1, 0.03, 0.02], [0.06, 0.06, 0.06], [0.12, 0.08, 0.01]])
 _BOX_POINTS, _COLOUR, _COLOUR_NOISE = 2000, (0.6, 0.4, 0.2), 0.03
 MODES = (("colours", False, True), ("colours, 1 mm", True, True), ("none", False, False), ("none, 1 mm", True, False))
 """(name, whether the noise is 1 mm along each axis, whether there are colours)."""
@@ -60,7 +60,7 @@ def boxes(count: int) -> Iterator[tuple[Array, Array, Array]]:
     """(N, 3) m on a box or plate, (N, 3) errors of sigma 1, and (N, 3) colours of one noisy paint."""
     for number in range(count):
         rng = np.random.default_rng([4000, number])
-        size = BOXES[number % len(BOXES)]
+        size = _BOXES[number % len(_BOXES)]
         areas = size.prod() / size
         axis = rng.choice(3, _BOX_POINTS, p=areas / areas.sum())
         points = rng.random((_BOX_POINTS, 3)) - 0.5

@@ -189,11 +189,15 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
             continue
         tried = _proven(state, best, seen, held)
         if tried[3].augmented < found[3].augmented:
-            found = (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
+            found = _after(found, tried)
     if found[0].fit.parts or not found[0].dropped or found[3].excess <= 0.0 or state.limit.over():
         return found
     # Effects that were chosen together may all lack a proof beside each other.
-    tried = _proven(state, alone_in_efforts(state, found[0].dropped), seen, held)
+    return _after(found, _proven(state, alone_in_efforts(state, found[0].dropped), seen, held))
+
+
+def _after(found: _Proven, tried: _Proven) -> _Proven:
+    """A proven model in the place of another one, with what lacks a proof in either."""
     return (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
 
 

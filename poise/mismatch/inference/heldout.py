@@ -50,7 +50,7 @@ class HeldOutProof:
     @property
     def worse(self) -> bool:
         """Whether the effects increase the error, by more than the resolution of its estimate."""
-        return self.augmented > (1.0 + _EQUAL) * self.in_range
+        return self.remaining > 1.0 + _EQUAL
 
     @property
     def remaining(self) -> float:

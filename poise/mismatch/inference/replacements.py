@@ -212,8 +212,8 @@ def _alike_pairs(
         if not alike(pair[0].effect, pair[1].effect):
             continue
         rest = [other for other in found.parts if other not in pair]
-        taken = {other.effect.name for other in found.parts}.union(*(other.effect.made_of for other in rest))
-        free = [each for each in state.library if each.name not in taken and not isinstance(each, FreeCurve)]
+        names_of_pair = {part.effect.name for part in pair}
+        free = [each for each in _free(state, rest) if each.name not in names_of_pair]
         free = [each for each in free if any(alike(each, part.effect) for part in pair)]
         for each in beside(problem.weighed(), rest, free, state.limit)[:_TRIED]:
             yield pair, each, EQUAL_EVIDENCE
@@ -233,14 +233,16 @@ def _curves(
     if len(curves) == 1:
         candidates = list(instead[found.parts.index(curves[0])].values())
     else:
-        taken = {other.effect.name for other in rest}.union(*(other.effect.made_of for other in rest))
-        free = [each for each in state.library if each.name not in taken]
-        candidates = beside(
-            problem.weighed(), rest, [each for each in free if not isinstance(each, FreeCurve)], state.limit
-        )
+        candidates = beside(problem.weighed(), rest, _free(state, rest), state.limit)
     named = [each for each in candidates if not isinstance(each.effect, FreeCurve) and each.gain > 0.0]
     for each in sorted(named, key=lambda one: -one.gain)[:_TRIED]:
         yield curves, each, 0.0
+
+
+def _free(state: HypothesisSearch, rest: Sequence[FittedEffect]) -> list[Effect]:
+    """The effects of the library that are no part of the rest of an answer, nor of an effect in it."""
+    taken = {other.effect.name for other in rest}.union(*(other.effect.made_of for other in rest))
+    return [each for each in state.library if each.name not in taken and not isinstance(each, FreeCurve)]
 
 
 def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> set[str]:

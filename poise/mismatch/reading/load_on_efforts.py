@@ -49,6 +49,9 @@ class _OnEfforts(Effect):
     def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
         return self._inner.twins(recorded, values)
 
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        return self._inner.windows(recorded, values)
+
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         return self._inner.unsettled(recorded, values)
 
@@ -92,9 +95,6 @@ class LoadOnEfforts(_OnEfforts):
         if self._straight(recorded):
             return np.asarray(self.columns(recorded, values) @ [values[p.name] for p in self.parameters(recorded)])
         return joint_torques(recorded, self._inner.simulate(recorded, values)[:, :, None])[:, :, 0]
-
-    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        return self._inner.windows(recorded, values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """An event of free course that acts at the end of its reach follows what other effects leave of the joints."""
@@ -167,9 +167,6 @@ class MotionOnEfforts(_OnEfforts):
         out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), by_motion.shape[1], 2 * rates.shape[1])
         return out
 
-    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        return self._motion.windows(recorded, values)
-
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         unused = (p.name for p in self._motion.parameters(recorded) if p.name not in values)
         return self._motion.implausible(recorded, {**dict.fromkeys(unused, 0.0), **values})
@@ -196,9 +193,6 @@ class VibrationOnEfforts(_OnEfforts):
         answer = by_motion @ recorded.axes_of_base(seconds)
         waves = self._vibration.waves(seconds, nonlinear)
         return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(*answer.shape[:2], 6))
-
-    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        return self._vibration.windows(recorded, values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         return self._vibration.implausible(recorded, values)

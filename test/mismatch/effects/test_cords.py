@@ -22,9 +22,8 @@ def cord(recorded: RecordedMotion, way: Array, slack: float, damping_time: float
         slack: of the samples, negative: it is always taut. damping_time: s.
     """
     anchor, hook = recorded.position_in_world.mean(axis=0) + way, np.array([0.02, -0.03, 0.15])
-    length = np.linalg.norm(
-        anchor - recorded.position_in_world - recorded.to_world(np.tile(hook, (len(recorded), 1))), axis=1
-    )
+    place = recorded.position_in_world + recorded.rotation_world_sensor @ hook
+    length = np.linalg.norm(anchor - place, axis=1)
     rest = float(np.quantile(length, max(slack, 0.0))) + min(slack, 0.0) * float(np.ptp(length))
     values = {p.name: 0.0 for p in cable().parameters(recorded)}
     values |= dict(zip(("anchor_x", "anchor_y", "anchor_z"), anchor.tolist(), strict=True))
