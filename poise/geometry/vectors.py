@@ -52,3 +52,12 @@ def move_wrench(wrench: Array, origin: Array) -> Array:
     """(..., 6) wrenches with their moments taken about another origin (3,)."""
     force = wrench[..., :3]
     return np.concatenate([force, wrench[..., 3:] - cross(np.asarray(origin), force)], axis=-1)
+
+
+def sphere_directions(count: int) -> Array:
+    """(count, 3) unit vectors spread evenly over the sphere, from +z to -z (a Fibonacci lattice)."""
+    steps = np.arange(count) + 0.5
+    height = 1.0 - 2.0 * steps / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * steps
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)

@@ -17,7 +17,7 @@ from poise.mismatch.inference import (
     residual_of,
     screening,
 )
-from poise.mismatch.inference.fitting import refine
+from poise.mismatch.inference.added_effect import refine
 
 VISCOUS = effect_named("viscous_friction")
 

@@ -12,7 +12,7 @@ from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads
 from poise.errors import ErrorCode, InputError
-from poise.geometry import unit
+from poise.geometry import sphere_directions, unit
 from poise.ranges import directions_of, vectors
 from poise.threads import in_one_thread
 from poise.types import Array, Mask
@@ -103,7 +103,7 @@ def acceleration_limits(
     vectors("position", [axis], 2, "axis: ")
     analysis = Analysis.of(assembly, deadline=clock)
     stands = not analysis.require_stable(clock).doubtful
-    all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
+    all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), sphere_directions(_AROUND)])
     wanted = np.arange(len(all_directions)) < len(asked) + 6
     limits = np.full(len(all_directions), _FASTEST)
     movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
@@ -140,15 +140,6 @@ def _directions(directions: int | Array) -> Array:
     if not len(given):
         raise InputError(ErrorCode.BAD_INPUT, "directions: none is given")
     return unit(given)
-
-
-def _around(count: int) -> Array:
-    """(count, 3) directions spread over the sphere (a Fibonacci lattice)."""
-    steps = np.arange(count) + 0.5
-    height = 1 - 2 * steps / count
-    azimuth = np.pi * (1 + 5**0.5) * steps
-    across = np.sqrt(1 - height**2)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
 
 
 Movers = Callable[[int], Callable[[], tuple[str, ...]]]

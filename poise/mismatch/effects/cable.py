@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.geometry import cross, cross_matrix, lengths
+from poise.geometry import cross, cross_matrix, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import beside_errors, coarsely, error_states, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
@@ -23,11 +23,7 @@ _APART, _SAMPLES = 0.03, 600
 _DISTANCES = (0.5, 1.0, 2.0)
 """m from the middle of the path to anchors from which the search begins."""
 _AROUND = 24
-_HEIGHTS = 1.0 - 2.0 * (np.arange(_AROUND) + 0.5) / _AROUND
-_TURNS = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_AROUND)
-_FLAT = np.sqrt(1.0 - _HEIGHTS**2)
-_DIRECTIONS = np.stack([_FLAT * np.cos(_TURNS), _FLAT * np.sin(_TURNS), _HEIGHTS], axis=1)
-"""(24, 3) unit vectors evenly around (Fibonacci lattice)."""
+"""Directions from there in which they lie."""
 _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
 _REACH = 0.4
@@ -273,7 +269,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
         on_base: whether the anchor moves with the base.
     """
     place, turn = _hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
-    around = np.concatenate([distance * _DIRECTIONS for distance in _DISTANCES])
+    around = np.concatenate([distance * sphere_directions(_AROUND) for distance in _DISTANCES])
     anchors = np.vstack([_meeting(place, np.einsum("nij,nj->ni", turn, left[:, :3])), place.mean(axis=0) + around])
     away = anchors[:, None] - place
     length = lengths(away)  # (A, N)

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from scipy.ndimage import uniform_filter1d
 
-from poise.geometry import cross
+from poise.geometry import cross, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.knocks import Knocks, find_knocks, knocks_at
 from poise.mismatch.effects.part_motion import between_stops, travelled
@@ -189,7 +189,7 @@ class LoosePart(Effect):
             along = float(np.sum(here * torque))
             return few * max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
 
-        axis = max(_hemisphere(_AXES), key=explained)
+        axis = max(sphere_directions(2 * _AXES)[:_AXES], key=explained)
         for reach in (0.2, 0.08, 0.03):
             axis = max((axis, *_around(axis, reach)), key=explained)
         if explained(axis) < _HEARD:
@@ -261,14 +261,6 @@ def _bent(recorded: RecordedMotion, values: Array) -> Array:
 @lru_cache(maxsize=2)
 def _basis(recorded: RecordedMotion) -> Array:
     return np.asarray(np.linalg.qr(np.hstack([np.ones((len(recorded), 1)), recorded.specific]))[0])
-
-
-def _hemisphere(count: int) -> Array:
-    """(count, 3) unit vectors spread evenly over the half with z > 0 (Fibonacci's lattice)."""
-    z = 1.0 - (np.arange(count) + 0.5) / count
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
-    radius = np.sqrt(1.0 - z**2)
-    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
 def _around(axis: Array, reach: float) -> Array:

@@ -1,15 +1,9 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
+from poise.mismatch.inference.added_effect import EffectCandidate, refine
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
 from poise.mismatch.inference.coarse import averaged_efforts
-from poise.mismatch.inference.fitting import (
-    EffectCandidate,
-    HypothesisFit,
-    exceeds_tolerance,
-    fit,
-    linearization_point,
-    refine,
-)
+from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit, linearization_point
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise

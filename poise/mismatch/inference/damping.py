@@ -1,5 +1,8 @@
 """Damping of the steps of a fit (Levenberg-Marquardt)."""
 
+SETTLED = 0.1
+"""Decrease of the square at which a fit has converged."""
+
 
 class Damping:
     """Damping of a step, in units of each parameter's own curvature (Marquardt 1963)."""

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from poise.mismatch.effects import Effect
-from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, fit
+from poise.mismatch.inference.added_effect import EffectCandidate
+from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import HypothesisSearch, alike
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.screening import beside

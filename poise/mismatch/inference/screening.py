@@ -7,8 +7,10 @@ from itertools import chain
 import numpy as np
 
 from poise.mismatch.effects import Effect, Values
+from poise.mismatch.inference.added_effect import EffectCandidate, refine, score_starts
 from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import EffectCandidate, linearization_point, refine, score_starts
+from poise.mismatch.inference.evidence import WhitenedRegression
+from poise.mismatch.inference.fitting import linearization_point
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import FreeCurve
@@ -72,27 +74,44 @@ def _screened(
             nonlinear = {p.name: known.values[p.name] for p in effect.parameters(recorded) if not p.linear}
             starts = chain(starts, [nonlinear])
         best = score_starts(problem, regression, recorded, effect, starts)
-        if best is not None:
+        if best:
             seen.append(best)
     recorded = here.recorded
     found: list[EffectCandidate] = []
     top = 0.0
     # Effects whose starting points say nothing come last, and before them those that contain others: the gains of the
     # others then end their refinement early.
-    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), bool(each.effect.made_of), -each.potential)):
-        pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
+    for first, *others in sorted(seen, key=_turn):
+        pieces = [_PIECE * other.gain for other in found if other.effect.name in first.effect.made_of]
         least = max(threshold, _REACH * top, *pieces)
-        done = each
-        if not isinstance(each.effect, FreeCurve):
-            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-            promising = each.effect.rough or each.potential > least
-            if nonlinear and promising and not limit.over():
-                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
-            if each.effect.implausible(recorded, done.values):
-                done = replace(done, gain=-np.inf)
-        found.append(replace(done, visibility=each.visibility))
+        hopeful = (first.effect.rough or first.potential > least) and not limit.over()
+        tried = [_refined(problem, regression, recorded, each, least) for each in (first, *others)] if hopeful else []
+        done = max((_possible(recorded, each) for each in tried or [first]), key=lambda each: each.gain)
+        found.append(replace(done, visibility=first.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
+
+
+def _turn(starts: Sequence[EffectCandidate]) -> tuple[bool, bool, float]:
+    """When an effect is refined: the most promising first."""
+    first = starts[0]
+    return np.isinf(first.potential), bool(first.effect.made_of), -first.potential
+
+
+def _refined(
+    problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, at: EffectCandidate, least: float
+) -> EffectCandidate:
+    """An effect refined from a starting point."""
+    nonlinear = {p.name: at.values[p.name] for p in at.effect.parameters(recorded) if not p.linear}
+    if not nonlinear or isinstance(at.effect, FreeCurve):
+        return at
+    return refine(problem, regression, recorded, at.effect, nonlinear, _LOOK, least)
+
+
+def _possible(recorded: RecordedMotion, found: EffectCandidate) -> EffectCandidate:
+    """The same; without a gain where its values are impossible."""
+    impossible = not isinstance(found.effect, FreeCurve) and found.effect.implausible(recorded, found.values)
+    return replace(found, gain=-np.inf) if impossible else found
 
 
 def _middles(recorded: RecordedMotion, problem: Problem) -> RecordedMotion:

@@ -11,8 +11,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.inference.added_effect import EffectCandidate
 from poise.mismatch.inference.effort_curves import effort_curves
-from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
+from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
