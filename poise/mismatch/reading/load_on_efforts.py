@@ -21,6 +21,8 @@ from poise.types import Array
 
 _EVENTS = ("mass_step", "mass_leak", "contact")
 """Events that happen to the load."""
+_OF_EFFORTS = ("signal", "needs")
+"""Attributes that an effect on efforts has of its own."""
 _CALM = 0.05
 """s, one sigma of the filter that removes the noise of a wrench."""
 
@@ -32,9 +34,7 @@ class _OnEfforts(Effect):
 
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
-        words = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with")
-        kind = ("transfers", "fast", "order", "widens", "made_of", "defaults", "free_course", "knocks", "varies")
-        vars(self).update({name: getattr(inner, name) for name in (*words, *kind, "lacks", "most", "rough", "turn")})
+        vars(self).update({name: getattr(inner, name) for name in Effect.__annotations__ if name not in _OF_EFFORTS})
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -42,6 +42,12 @@ class _OnEfforts(Effect):
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return self._inner.derived(recorded, values)
+
+    def renewed(self, values: Values) -> Values:
+        return self._inner.renewed(values)
+
+    def general_at(self, start: Values) -> bool:
+        return self._inner.general_at(start)
 
     def inert(self, values: Values) -> tuple[str, ...]:
         return self._inner.inert(values)
