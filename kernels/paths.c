@@ -9,8 +9,9 @@
 /* As in load_path.py and coulomb.py, where they are explained. */
 static const double FIRST_SHARE = 0.25, FIRST_WEIGHT = 0.25, AFTER_MANY = 2.0, AFTER_FEW = 3.0, SURE = 1.5,
                     LEAST_GROWTH = 1.04, SETTLED = 1e-7, REACHED = 2e-4, CARRIED = 5e-5, LEAST_LOAD = 1e-2,
-                    STEEP = 0.25, NEAR_END = 0.97;
-enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6, SMALL = 20 };
+                    STEEP = 0.25, NEAR_END = 0.97, EARLIER = 0.8;
+enum { FEW = 5, MOST = 25, MANY = 10, STEPS = 40, AT_PEAK = 12, SHORTER = 6, PAST_END = 3, BRIEF_LOOK = 6, SMALL = 20,
+       ROOM = STEPS + AT_PEAK + 3, SLIDING_STEPS = 15, TRESCA_STEPS = 12 };
 
 /* What Python gives and wants. */
 struct path {
@@ -19,8 +20,8 @@ struct path {
   const double *response;              /* (6 n) change of it under a small push; NULL: it is found */
   double factor, compliance;           /* at the beginning */
   double above, tolerance, time;       /* s until the deadline; negative: there is none */
-  double *displacements, *factors, *compliances; /* (room, 6 n), (room), (room) points, the first at rest */
-  int64_t *steps;                                /* (room) */
+  double *displacements, *factors, *compliances; /* (ROOM, 6 n), (ROOM), (ROOM) points, the first at rest */
+  int64_t *steps;                                /* (ROOM) */
   double *end;                                   /* (6 n) where it was left */
   int64_t look;                                  /* whether a state is looked for beyond its end */
   int64_t count, ended;                          /* points; whether it collapsed or reached `above` */
@@ -47,7 +48,6 @@ static double dot(const double *a, const double *b, int64_t count) {
   return sum;
 }
 
-/* Room for points is STEPS + AT_PEAK + 3. */
 static double *point_at(const struct following *f, int64_t k) { return f->path->displacements + k * f->size; }
 
 /* The share that a part (6 n), times a factor, is of the total on a body, or of its weight; the largest of all. */
@@ -169,11 +169,17 @@ static double rise_at(struct following *f, int64_t k) {
   return compliance > 0.0 ? dot(f->path->push, f->slope, f->size) / compliance : 0.0;
 }
 
+/* The point with the largest factor. */
+static int64_t best_of(const struct path *path) {
+  int64_t best = 0;
+  for (int64_t k = 1; k < path->count; k++) best = path->factors[k] > path->factors[best] ? k : best;
+  return best;
+}
+
 /* `_around_peak`: the last point before the peak, the most of all factors, and whether the factor falls after it. */
 static int64_t before_peak(struct following *f, double little, double *most, int *falls) {
   const struct path *path = f->path;
-  int64_t best = 0;
-  for (int64_t k = 1; k < path->count; k++) best = path->factors[k] > path->factors[best] ? k : best;
+  const int64_t best = best_of(path);
   *most = path->factors[best];
   *falls = best + 1 < path->count && rise_at(f, best) > little * *most;
   if (*falls) return best;
@@ -205,10 +211,15 @@ static void go_to_peak(struct following *f) {
   }
 }
 
-/* `CoulombBlock._stands_near`: whether `here` becomes a state that stands under the load `total`. */
-static int stands_near(struct following *f) {
+/* Newton steps of `here` towards an equilibrium under the load `total`. */
+static void settle(struct following *f, int64_t steps) {
   const double size = sqrt(dot(f->total, f->total, f->size));
-  elastic_settle(f->made, f->total, SETTLED / 10.0 * (size > 0.0 ? size : 1.0), BRIEF_LOOK, f->until, f->here);
+  elastic_settle(f->made, f->total, SETTLED / 10.0 * (size > 0.0 ? size : 1.0), steps, f->until, f->here);
+}
+
+/* `CoulombBlock._newton`: whether `here` becomes a state that stands under the load `total`. */
+static int stands_near(struct following *f, int64_t steps) {
+  settle(f, steps);
   elastic_left(f->made, f->here, f->total, f->left);
   const double left = share_of(f, f->left, 1.0);
   return left <= CARRIED / 2.0 && left + share_of(f, f->here, f->catch) <= CARRIED;
@@ -217,8 +228,7 @@ static int stands_near(struct following *f) {
 /* `look_beyond`: a state under more than the best factor, near where the path ended. */
 static void look_beyond(struct following *f) {
   const struct path *path = f->path;
-  int64_t best = 0, near = 0;
-  for (int64_t k = 1; k < path->count; k++) best = path->factors[k] > path->factors[best] ? k : best;
+  int64_t best = best_of(path), near = 0;
   const double most = path->factors[best], factor = fmin((1.0 + PAST_END * path->tolerance) * most, path->above);
   if (!path->ended || !(most > 0.0 && most < path->above)) return;
   for (int64_t k = 0; k < path->count; k++) near = path->factors[k] <= NEAR_END * most ? k : near;
@@ -229,7 +239,7 @@ static void look_beyond(struct following *f) {
       const double on = 2.0 * at[i] - before[i], after = best + 1 < path->count ? path->end[i] : on;
       f->here[i] = start == 0 ? on : start == 1 ? 2.0 * after - at[i] : point_at(f, near)[i];
     }
-    if (!stands_near(f)) continue;
+    if (!stands_near(f, BRIEF_LOOK)) continue;
     insert(f, path->count, f->here, &(struct point){.factor = factor, .held = 1});
     leave(f, f->here, factor >= path->above);
     return;
@@ -279,19 +289,105 @@ static int follow(struct following *f) {
   return POISE_OK;
 }
 
-/* Fill in the points of a path, its end, and whether it ended. Bodies in the order of elimination. */
-POISE_EXPORT int64_t poise_elastic_follow(struct steps *made, struct path *path) {
+/* The vectors of a question laid into room for 5 (6 n). */
+static struct following lay_out(struct path *path, struct steps *made, double *room) {
   const struct elastic *contacts = elastic_contacts(made);
   struct following f = {.path = path, .made = made, .size = SIDE * contacts->bodies.count, .catch = contacts->catch};
-  double *room = malloc(sizeof(double) * (size_t)(5 * f.size));
-  if (!room) return POISE_NO_MEMORY;
   f.here = room;
   f.guess = f.here + f.size;
   f.slope = f.guess + f.size;
   f.total = f.slope + f.size;
   f.left = f.total + f.size;
+  return f;
+}
+
+/* Fill in the points of a path, its end, and whether it ended. Bodies in the order of elimination. */
+POISE_EXPORT int64_t poise_elastic_follow(struct steps *made, struct path *path) {
+  double *room = malloc(sizeof(double) * (size_t)(5 * SIDE * elastic_contacts(made)->bodies.count));
+  if (!room) return POISE_NO_MEMORY;
+  struct following f = lay_out(path, made, room);
   elastic_begin(made, NULL);
   const int status = follow(&f);
   free(room);
   return status;
+}
+
+/* What Python gives and wants for many pushes, each followed from rest: `CoulombBlock.factor`. */
+struct factors {
+  const double *gravity, *rest, *pushes, *above; /* (6 n), (6 n), (count, 6 n), (count) */
+  double tolerance, time;                        /* s until the deadline; negative: there is none */
+  int64_t count;
+  double *factors, *best, *earlier, *motions;    /* (count), (count, 6 n) each; motions of those that collapse */
+  int64_t *outcomes;                             /* (count) */
+};
+enum { UNDECIDED = 0, HELD = 1, COLLAPSED = 2, LATE = 3 }; /* what is undecided is left to Python */
+
+/* Whether, where a path ended, the block stands at more near the state of contacts that never slip. */
+static int stands_stuck(struct following *f, double best, const double *unlimited) {
+  const struct path *path = f->path;
+  const double factor = (1.0 + PAST_END * path->tolerance) * best;
+  if (!(best > 0.0 && best < factor && factor <= path->above)) return 0;
+  for (int64_t i = 0; i < f->size; i++) f->total[i] = path->gravity[i] + factor * path->push[i];
+  elastic_begin(f->made, NULL);
+  if (elastic_response(f->made, NULL, f->total, f->here)) return 1;
+  elastic_begin(f->made, unlimited);
+  settle(f, TRESCA_STEPS);
+  elastic_begin(f->made, NULL);
+  return stands_near(f, SLIDING_STEPS);
+}
+
+/* One push, `path->push`: its factor, the state there and one earlier, and the motion in which it collapses. */
+static int64_t factor_of(struct following *f, const struct factors *all, const double *unlimited, int64_t number) {
+  const struct path *path = f->path;
+  const size_t size = sizeof(double) * (size_t)f->size;
+  elastic_begin(f->made, NULL);
+  if (follow(f)) return UNDECIDED;
+  const int64_t best = best_of(path);
+  const double factor = path->factors[best];
+  all->factors[number] = factor;
+  const int late = f->until < INFINITY && elastic_clock() >= f->until;
+  if (!path->ended && late) return LATE;
+  if (!path->ended || path->count == 1) return UNDECIDED;
+  if (!late && stands_stuck(f, factor, unlimited)) return UNDECIDED;
+  int64_t near = path->count - 1;
+  while (near > 0 && path->factors[near] > EARLIER * factor) near--;
+  memcpy(all->best + number * f->size, point_at(f, best), size);
+  memcpy(all->earlier + number * f->size, point_at(f, near), size);
+  if (factor >= path->above) return HELD;
+  elastic_begin(f->made, NULL);
+  const int status = elastic_response(f->made, path->end, path->push, all->motions + number * f->size);
+  return status ? UNDECIDED : COLLAPSED;
+}
+
+/* Fill in the factors of many pushes. Bodies in the order of elimination. */
+POISE_EXPORT int64_t poise_elastic_factors(struct steps *made, const struct factors *all) {
+  const struct elastic *contacts = elastic_contacts(made);
+  const int64_t size = SIDE * contacts->bodies.count, springs = contacts->springs[contacts->bodies.pairs];
+  const double until = all->time < 0.0 ? INFINITY : elastic_clock() + all->time;
+  double *room = malloc(sizeof(double) * (size_t)((6 + ROOM) * size + 2 * ROOM + springs));
+  int64_t *steps = malloc(sizeof(int64_t) * ROOM);
+  if (!room || !steps) {
+    free(room);
+    free(steps);
+    return POISE_NO_MEMORY;
+  }
+  struct path path = {.gravity = all->gravity, .rest = all->rest, .tolerance = all->tolerance, .look = 1};
+  struct following f = lay_out(&path, made, room);
+  path.end = room + 5 * size;
+  path.displacements = path.end + size;
+  path.factors = path.displacements + ROOM * size;
+  path.compliances = path.factors + ROOM;
+  path.steps = steps;
+  double *unlimited = path.compliances + ROOM;
+  for (int64_t p = 0; p < springs; p++) unlimited[p] = INFINITY;
+  for (int64_t number = 0; number < all->count; number++) {
+    path.push = all->pushes + number * size;
+    path.above = all->above[number];
+    path.time = all->time < 0.0 ? -1.0 : fmax(until - elastic_clock(), 0.0);
+    all->factors[number] = 0.0;
+    all->outcomes[number] = path.time == 0.0 ? LATE : factor_of(&f, all, unlimited, number);
+  }
+  free(room);
+  free(steps);
+  return POISE_OK;
 }

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from poise.kernels.search import CompiledSearch, SearchAnswer
     from poise.kernels.slips import first_slips
     from poise.kernels.smoothing import CompiledSplines
-    from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic
+    from poise.kernels.statics import CompiledBodies, CompiledConeProgram, CompiledElastic, ElasticOutcome
     from poise.kernels.sums import weighed_sums
     from poise.kernels.whitening import WhiteningFilters, likely_colours
 
@@ -48,6 +48,7 @@ __all__ = [
     "CompiledSearch",
     "CompiledSplines",
     "Drawn",
+    "ElasticOutcome",
     "SearchAnswer",
     "WhiteningFilters",
     "between_stops",
@@ -79,6 +80,7 @@ _FILES = {
     "CompiledBodies": "statics",
     "CompiledConeProgram": "statics",
     "CompiledElastic": "statics",
+    "ElasticOutcome": "statics",
     "CompiledLookup": "lookup",
     "pixels_between": "lookup",
     "CompiledSearch": "search",

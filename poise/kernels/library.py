@@ -5,7 +5,7 @@ import importlib.util
 import os
 from typing import Any
 
-_VERSION = 9
+_VERSION = 10
 """Of the interface of the library: POISE_KERNELS_VERSION in kernels/poise_kernels.h."""
 
 _INT, _POINTER = ctypes.c_int64, ctypes.c_void_p
@@ -58,6 +58,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_elastic_response": (_INT, [_POINTER] * 4),
     "poise_elastic_left": (None, [_POINTER] * 4),
     "poise_elastic_follow": (_INT, [_POINTER] * 2),
+    "poise_elastic_factors": (_INT, [_POINTER] * 2),
     "poise_cones_new": (_POINTER, [_POINTER]),
     "poise_cones_solve": (None, [_POINTER, _INT, *[_POINTER] * 8]),
     "poise_cones_renew": (None, [_POINTER]),

@@ -4,6 +4,7 @@ import ctypes
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from poise.types import Array
 _INT, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 _BODIES = ("sides", "starts", "rows", "place")
 _POINTS = 55
-"""Of a path, at most: STEPS + AT_PEAK + 3 in kernels/paths.c."""
+"""Of a path, at most: ROOM in kernels/paths.c."""
 
 Whole = NDArray[np.int64]
 
@@ -50,6 +51,40 @@ class _Path(ctypes.Structure):
         *((name, _POINTER) for name in ("displacements", "factors", "compliances", "steps", "end")),
         *((name, _INT) for name in ("look", "count", "ended")),
     ]
+
+
+class _Factors(ctypes.Structure):
+    """Layout of `struct factors` in kernels/paths.c."""
+
+    _fields_ = [
+        *((name, _POINTER) for name in ("gravity", "rest", "pushes", "above")),
+        ("tolerance", _DOUBLE),
+        ("time", _DOUBLE),
+        ("count", _INT),
+        *((name, _POINTER) for name in ("factors", "best", "earlier", "motions", "outcomes")),
+    ]
+
+
+class ElasticOutcome(IntEnum):
+    """How following a push ended: other searches are needed; at the factor asked for; before it; at the deadline."""
+
+    UNDECIDED, HELD, COLLAPSED, LATE = range(4)
+
+
+class CompiledFactors(NamedTuple):
+    """Up to which factors pushes are held.
+
+    Args:
+        factors: (Q,) at which equilibria were found.
+        best, earlier, motions: (Q, 6 n) displacement there, and at a smaller factor; motion where it collapses.
+        outcomes: (Q,) each an `ElasticOutcome`. Displacements are known where it is held or collapses.
+    """
+
+    factors: Array
+    best: Array
+    earlier: Array
+    motions: Array
+    outcomes: Whole
 
 
 class CompiledPath(NamedTuple):
@@ -219,6 +254,29 @@ class CompiledElastic:
             check(library.poise_elastic_follow(room, ctypes.addressof(path)))
         kept = slice(path.count)
         return CompiledPath(points[kept], factors[kept], compliances[kept], steps[kept], end, bool(path.ended))
+
+    def factors(
+        self, gravity: Array, rest: Array, pushes: Array, above: Array, limits: tuple[float, float | None]
+    ) -> CompiledFactors:
+        """Many pushes, each followed from rest, as `CoulombBlock.factor`; `UNDECIDED` where that needs other searches.
+
+        Args:
+            gravity, rest: (6 n,) load, and displacement under it alone.
+            pushes: (Q, 6 n).
+            above: (Q,) no more than this factor is asked.
+            limits: tolerance of factors; s until the deadline, None: there is none.
+        """
+        given = contiguous(pushes, -1, self._size, what="pushes")
+        count, (tolerance, remaining) = len(given), limits
+        most = contiguous(above, count, what="what is asked")
+        best, earlier, motions = (np.empty((count, self._size)) for _ in range(3))
+        found = CompiledFactors(np.empty(count), best, earlier, motions, np.empty(count, dtype=np.int64))
+        loads = contiguous(gravity, self._size, what="gravity"), contiguous(rest, self._size, what="rest")
+        numbers = tolerance, -1.0 if remaining is None else remaining, count
+        asked = _Factors(*map(address, (*loads, given, most)), *numbers, *map(address, found))
+        with self._room() as room:
+            check(library.poise_elastic_factors(room, ctypes.addressof(asked)))
+        return found
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) the change under a small push (6 n,) at a displacement (6 n,); None: where nothing opens or slips."""

@@ -114,6 +114,26 @@ def test_blocks_settle_and_collapse_as_in_python(block) -> None:
         assert found.value == pytest.approx(expected.value, rel=2 * FACTOR_TOLERANCE)
 
 
+def test_pushes_that_are_followed_together_are_held_as_each_alone(block) -> None:
+    compiled, python = both(block)
+    python.rest = compiled.rest
+    given, above = loads(6 * block.geometry.count, 6), np.array([100.0, 0.01, 100.0, 100.0, 0.3, 1.0])
+    found = compiled.factors(given, above)
+    for load, most, one in zip(given, above.tolist(), found, strict=True):
+        alone = compiled._followed(load, most, NO_DEADLINE, np.inf, FACTOR_TOLERANCE)
+        assert (one.value, one.known) == (alone.value, alone.known)
+        for first, second in ((one.displacement, alone.displacement), (one.earlier, alone.earlier)):
+            np.testing.assert_array_equal(first, second)
+        assert (one.twist is None) == (alone.twist is None)
+        assert one.twist is None or np.array_equal(one.twist, alone.twist)
+        assert one.value == pytest.approx(python.factor(load, most).value, rel=2 * FACTOR_TOLERANCE)
+        assert compiled.held_at(load, one.displacement) == pytest.approx(one.value, rel=1e-4) or one.value == most
+    late = compiled.contacts.compiled.factors(
+        block.geometry.gravity.ravel(), compiled.rest.displacement, given, (above, above), (0.004, Deadline(0.0))
+    )
+    assert [(one.value, one.known) for one in late] == [(0.0, False)] * 6
+
+
 def test_paths_are_those_of_python(block) -> None:
     compiled, python = both(block)
     python.rest = compiled.rest

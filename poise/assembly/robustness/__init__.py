@@ -14,7 +14,6 @@ from poise.assembly.robustness.assess import Assessment, Robustness, assess
 from poise.assembly.robustness.block_answers import (
     CHECKED_WEIGHTS,
     ask_block,
-    ask_patches,
     ask_single_limit,
     ask_single_patch,
     both_factors,
@@ -27,6 +26,7 @@ from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
 from poise.assembly.robustness.likely_cause import EXPLAINED, likely_cause
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map, rough_robustness
+from poise.assembly.robustness.patch_answers import ask_patches
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
 from poise.assembly.robustness.rolling_findings import rolling_findings

@@ -71,64 +71,16 @@ def ask_block(
         for question, load, inverses_of in zip(questions[some].tolist(), loads[some], found, strict=True):
             answers[question] = inverses_of[0]
             for inverse in inverses_of:
-                _limit_by(limit_loads, block, question, load, inverse)
+                limit_by(limit_loads, block, question, load, inverse)
     return answers
 
 
-def _limit_by(
+def limit_by(
     limit_loads: LimitLoads, block: BlockAnalysis, question: int, load: Array, inverse: InverseLoadFactor
 ) -> None:
+    """Record what was found of a load (6 n,) on a block."""
     if inverse.value > UNLIMITED * float(np.abs(load).max()):
         limit_loads.limit_by(question, 1 / inverse.upper, 1 / inverse.value, Mechanism(block, inverse.twist))
-
-
-def patch_factor(
-    block: BlockAnalysis, load: Array, found: ElasticFactor | None, limit: InverseLoadFactor | None = None
-) -> InverseLoadFactor | None:
-    """What patches hold of a load (6 n,), as far as it is less than what elastic contacts hold.
-
-    These hold as much where they turn no patch more than uniform pressure could turn it. Otherwise patches are asked.
-
-    Args:
-        block: of several bodies or interfaces.
-        load: in its units.
-        found: what elastic contacts hold; None, and where that is all that was asked: patches are asked in any case.
-        limit: what limit analysis holds, for the centres of pressure to move; None: they stay as they are at rest.
-    """
-    patch, enough = block.solvers.patch, 0.0
-    if patch is None:
-        return None
-    if found is not None and found.displacement is not None and found.value > 0:
-        contacts, forces = block.solvers.coulomb.contacts, block.solvers.coulomb.forces(found.displacement)
-        enough = 1 / found.value
-        if patch.allows_at((contacts.places[:, 0], contacts.places[:, 1]), contacts.interface, *forces.T):
-            return None
-    return patch.resting.inverse_factor(load, enough) if limit is None else patch.inverse_factor(load, limit, enough)
-
-
-def ask_patches(
-    limit_loads: LimitLoads,
-    block: BlockAnalysis,
-    questions: Indices,
-    loads: Array,
-    deadline: Deadline,
-    limits: dict[int, InverseLoadFactor],
-    elastic: dict[tuple[int, int], ElasticFactor],
-) -> None:
-    """Ask patches about loads (q, 6 n) on a block that limit analysis and elastic contacts were asked about before."""
-    if block.solvers.patch is None:
-        return
-    for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
-        if deadline.passed:
-            limit_loads.give_up(questions[row:])
-            return
-        if question not in limits:
-            continue
-        found = elastic.get((id(block.solvers), question))
-        lowered = found is not None and found.twist is not None
-        inverse = patch_factor(block, load, found if lowered else None, limits[question])
-        if inverse is not None and (found is None or not lowered or inverse.upper * found.value > 1):
-            _limit_by(limit_loads, block, question, load, inverse)
 
 
 def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
@@ -208,10 +160,14 @@ def check_elastic(
         if block.geometry.statically_determinate and nearly < 1:  # its answers are exact
             continue
         questions, block_loads = block.loads(loads)
-        for row in np.flatnonzero(wanted[questions]).tolist():
-            question, load = int(questions[row]), block_loads[row]
-            above = nearly * min(float(limit_loads.upper[question]), CHECKED_WEIGHTS * total)
-            found = answers[id(block.solvers), question] = block.solvers.coulomb.factor(load, above, deadline)
+        asked = wanted[questions]
+        questions, most = (
+            questions[asked],
+            nearly * np.minimum(limit_loads.upper[questions[asked]], CHECKED_WEIGHTS * total),
+        )
+        factors = block.solvers.coulomb.factors(block_loads[asked], most, deadline)
+        for question, above, found in zip(questions.tolist(), most.tolist(), factors, strict=True):
+            answers[id(block.solvers), question] = found
             known[question] &= found.known
             if found.value < above:
                 limit_loads.lower[question] = min(float(limit_loads.lower[question]), found.value)

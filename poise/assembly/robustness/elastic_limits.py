@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poise.assembly.robustness.block_answers import patch_factor
+from poise.assembly.robustness.patch_answers import patch_factor
 from poise.assembly.robustness.plane_curve import Chord, PlaneCurve
 from poise.assembly.statics import (
     FACTOR_TOLERANCE,

@@ -127,7 +127,7 @@ class Pool:
             self._keep(limit.twist)
             self.answers[body, wrench.tobytes()] = Programs(limit)
             value = limit.upper
-            if limit.multipliers is not None and patch is not None and patch.allows(limit.multipliers):
+            if limit.multipliers is not None and patch is not None and patch.allows(limit.multipliers[None])[0]:
                 return value
         if patch is None:
             return value

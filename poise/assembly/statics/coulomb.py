@@ -15,14 +15,14 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
-from poise.assembly.statics.elastic_state import ElasticFactor, ElasticState
+from poise.assembly.statics.elastic_state import ElasticFactor, ElasticState, LoadShares
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
 from poise.assembly.statics.newton_goal import Goal
 from poise.types import Array, Mask
 
-# A body stands when the catch carries less than this share of its load; its load counts as this share of all at least.
-_CARRIED, _LEAST_LOAD = 5e-5, 1e-2
+_CARRIED = 5e-5
+"""A body stands when the catch carries less than this share of its load."""
 _FALLS = 1e-3
 """A body of whose load the catch carries more than this share is not held by any further rounds."""
 _SETTLED = 1e-7
@@ -67,6 +67,7 @@ class CoulombBlock:
         """Take a block and its interfaces in order; `order`: in which its bodies are eliminated, where it is known."""
         self.geometry = geometry
         self.contacts = ElasticContacts(geometry, interfaces, order)
+        self._shares = LoadShares(geometry.gravity)
 
     def settle(
         self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE, attempts: int = _ATTEMPTS
@@ -96,7 +97,7 @@ class CoulombBlock:
                 return found
             if deadline.passed:
                 return replace(found, known=False)
-            if (carried := self._share(contacts.catch * u, load)) > _FALLS:
+            if (carried := self._shares.of(contacts.catch * u, load)) > _FALLS:
                 return ElasticState(False, carried, u)
         return found
 
@@ -119,7 +120,7 @@ class CoulombBlock:
         return np.asarray(np.bincount(contacts.interface, normal) > _IDLE * loads)
 
     def forces(self, displacement: Array) -> Array:
-        """(P, 3) normal force and friction at each elastic point, at a displacement (6 n,)."""
+        """(..., P, 3) normal force and friction at each elastic point, at displacements (..., 6 n)."""
         return self.contacts.forces(self.contacts.relative(displacement), None)
 
     @cached_property
@@ -147,13 +148,36 @@ class CoulombBlock:
             expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
             tolerance: relative, of the factor.
         """
+        return self.factors(load[None], np.array([above]), deadline, expected, tolerance)[0]
+
+    def factors(
+        self,
+        loads: Array,
+        above: Array,
+        deadline: Deadline = NO_DEADLINE,
+        expected: float = np.inf,
+        tolerance: float = FACTOR_TOLERANCE,
+    ) -> list[ElasticFactor]:
+        """The same of loads (Q, 6 n), at most factors (Q,); of few bodies most in one call of the kernel."""
+        if deadline.passed:
+            return [ElasticFactor(0.0, False)] * len(loads)
+        rest, gravity, compiled = self.rest, self.geometry.gravity.ravel(), self.contacts.compiled
+        if not rest.stands:
+            return [ElasticFactor(0.0, True, rest.displacement)] * len(loads)
+        found: list[ElasticFactor | None] = [None] * len(loads)
+        if compiled is not None and self.geometry.count <= _SMALL:
+            most = np.minimum(above, expected), above
+            found = compiled.factors(gravity, rest.displacement, loads, most, (tolerance, deadline))
+        rows = zip(found, loads, above.tolist(), strict=True)
+        return [one or self._followed(load, most, deadline, expected, tolerance) for one, load, most in rows]
+
+    def _followed(
+        self, load: Array, above: float, deadline: Deadline, expected: float, tolerance: float
+    ) -> ElasticFactor:
+        """See `factor`; by paths, and all searches."""
         if deadline.passed:
             return ElasticFactor(0.0, False)
-        rest = self.rest
-        if not rest.stands:
-            return ElasticFactor(0.0, True, rest.displacement)
-        most = min(above, expected)
-        look = self.geometry.count <= _SMALL
+        most, look = min(above, expected), self.geometry.count <= _SMALL
         path = self._follow(load, most, deadline, tolerance, look=look)
         if len(path.points) == 1 and not deadline.passed:
             # Where all contacts slip at rest, as of a cylinder in a steep groove, the least load seems to move
@@ -194,7 +218,7 @@ class CoulombBlock:
 
         if response is None:
             response = self._response(rest if begin is None else begin.displacement, load)
-        path = follow(reach, rest, response, load, most, self._weight, tolerance, begin)
+        path = follow(reach, rest, response, load, most, self._shares.weight, tolerance, begin)
         return look_beyond(path, partial(self._stands_near, load, deadline), most, tolerance) if look else path
 
     def _stands_near(self, load: Array, deadline: Deadline, factor: float, start: Array) -> PathPoint | None:
@@ -272,22 +296,6 @@ class CoulombBlock:
         """(6 n,) the motion that a small load (6 n,) causes at a displacement (6 n,): near collapse, the mechanism."""
         return self._response(displacement, load)
 
-    def _share(self, part: Array, load: Array) -> float:
-        """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
-        squares = np.maximum(_squares(load), self._weight_squares)
-        least = _LEAST_LOAD**2 * float(squares.sum()) or 1.0
-        return math.sqrt(float((_squares(part) / np.maximum(squares, least)).max()))
-
-    @cached_property
-    def _weight_squares(self) -> Array:
-        """(n,) squared size of the load of each body at rest."""
-        return _squares(self.geometry.gravity)
-
-    @cached_property
-    def _weight(self) -> float:
-        """Size of all loads at rest."""
-        return math.sqrt(float(self._weight_squares.sum()))
-
     def _glued(self, load: Array) -> Array:
         """(6 n,) displacement when nothing opens or slips."""
         compiled = self.contacts.compiled
@@ -305,8 +313,8 @@ class CoulombBlock:
 
     def _state(self, load: Array, u: Array) -> ElasticState:
         """The state at a displacement; settled when contacts that slip as Coulomb says leave next to nothing."""
-        left = self._share(self._left(u, load), load)
-        unbalanced = left + self._share(self.contacts.catch * u, load)
+        left = self._shares.of(self._left(u, load), load)
+        unbalanced = left + self._shares.of(self.contacts.catch * u, load)
         return ElasticState(unbalanced <= _CARRIED, unbalanced, u, left <= _CARRIED / 2)
 
     def _newton(self, load: Array, start: Array, deadline: Deadline, steps: int = _STEPS) -> ElasticState:
@@ -321,7 +329,7 @@ class CoulombBlock:
     def _reach(self, load: Array, start: Array, steps: int, deadline: Deadline) -> PathPoint | None:
         """The equilibrium at which a load has the power that it has at the start; None where none is found."""
         gravity, compiled = self.geometry.gravity.ravel(), self.contacts.compiled
-        enough = _SETTLED / 10 * (self._weight or 1.0)
+        enough = _SETTLED / 10 * (self._shares.weight or 1.0)
         if compiled is not None:
             u, factor, left, compliance, steps = compiled.reach(gravity, load, start, enough, steps, deadline)
             change = None
@@ -330,10 +338,12 @@ class CoulombBlock:
             u, left, steps = self._steps(goal, start, enough, steps, deadline)
             factor, compliance, change = goal.factor, goal.compliance, goal.change
         total = gravity + factor * load
-        size = max(math.sqrt(float(total @ total)), self._weight)
-        if left > _SETTLED * size and (left > _REACHED * size or self._share(self._left(u, total), total) > _REACHED):
+        size = max(math.sqrt(float(total @ total)), self._shares.weight)
+        if left > _SETTLED * size and (
+            left > _REACHED * size or self._shares.of(self._left(u, total), total) > _REACHED
+        ):
             return None
-        held = self._share(self.contacts.catch * u, total) <= _CARRIED
+        held = self._shares.of(self.contacts.catch * u, total) <= _CARRIED
         return PathPoint(u, factor, held, compliance, steps, change if self.geometry.count > _SMALL else None)
 
     def _descend(self, load: Array, start: Array, bounds: Array | None, steps: int, deadline: Deadline) -> Array:
@@ -375,9 +385,3 @@ class CoulombBlock:
                 if damping > 10 or (goal.push is not None and steps <= _BRIEF):
                     break
         return u, value, step
-
-
-def _squares(load: Array) -> Array:
-    """(n,) squared size of the part (6,) of each body in a load (6 n,)."""
-    rows = load.reshape(-1, 6)
-    return np.asarray(np.einsum("ij,ij->i", rows, rows))

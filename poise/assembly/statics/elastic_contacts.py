@@ -10,11 +10,12 @@ from poise.assembly.contact import FIXED_NODE, Interface
 from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
 from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.elastic_state import ElasticFactor
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.assembly.statics.load_path import CompiledPoints, LoadPath, PathPoint
 from poise.geometry import cross, plane_axes
-from poise.kernels import COMPILED, CompiledElastic
+from poise.kernels import COMPILED, CompiledElastic, ElasticOutcome
 from poise.types import Array, Indices
 
 CATCH = 1e-8
@@ -120,25 +121,25 @@ class ElasticContacts:
         return self._assembled(np.array([k, k, k, none, none, none]))
 
     def moved(self, displacement: Array) -> Array:
-        """(P, 3) motion of the second body relative to the first at each point: parting, and two tangents."""
-        bodies = np.zeros((self.count + 1, 6))
-        bodies[:-1] = displacement.reshape(-1, 6)
-        between = bodies[self.sides[:, 1]] - bodies[self.sides[:, 0]]
-        return np.asarray(np.einsum("pij,pj->pi", self.wrenches, between[self.interface]))
+        """(..., P, 3) motion of the second body relative to the first at each point: parting, and two tangents."""
+        bodies = np.zeros((*displacement.shape[:-1], self.count + 1, 6))
+        bodies[..., :-1, :] = displacement.reshape(*displacement.shape[:-1], -1, 6)
+        between = bodies[..., self.sides[:, 1], :] - bodies[..., self.sides[:, 0], :]
+        return np.asarray(np.einsum("pij,...pj->...pi", self.wrenches, between[..., self.interface, :]))
 
     def relative(self, displacement: Array) -> Array:
-        """(P, 3) displacement of the second body relative to the first: `moved`, from where nothing presses."""
+        """(..., P, 3) displacement of the second body relative to the first: `moved`, from where nothing presses."""
         relative = self.moved(displacement)
-        relative[:, 0] += _SLACK
+        relative[..., 0] += _SLACK
         return relative
 
     def forces(self, relative: Array, bounds: Array | None) -> Array:
-        """(P, 3) contact forces; friction limited to the bounds (P,), by default to what Coulomb's law says."""
+        """(..., P, 3) contact forces; friction limited to the bounds (P,), by default to what Coulomb's law says."""
         forces = -self.stiffness[:, None] * relative
-        forces[:, 0] = np.maximum(forces[:, 0], 0.0)
-        limits = self.friction * forces[:, 0] if bounds is None else bounds
-        size = np.sqrt(forces[:, 1] ** 2 + forces[:, 2] ** 2)
-        forces[:, 1:] *= np.minimum(1.0, limits / np.where(size > 0, size, 1.0))[:, None]
+        forces[..., 0] = np.maximum(forces[..., 0], 0.0)
+        limits = self.friction * forces[..., 0] if bounds is None else bounds
+        size = np.sqrt(forces[..., 1] ** 2 + forces[..., 2] ** 2)
+        forces[..., 1:] *= np.minimum(1.0, limits / np.where(size > 0, size, 1.0))[..., None]
         return forces
 
     def pressed(self, relative: Array) -> Array:
@@ -258,6 +259,39 @@ class CompiledElasticContacts:
         found = self._kernel.follow((gravity, push), rest[entries], start, slope, (*limits, deadline.remaining), look)
         numbers = found.factors.tolist(), found.compliances.tolist(), found.steps.tolist()
         return LoadPath(CompiledPoints(found.displacements, entries, *numbers), self._back(found.end), found.ended)
+
+    def factors(
+        self,
+        gravity: Array,
+        rest: Array,
+        loads: Array,
+        most: tuple[Array, Array],
+        limits: tuple[float, Deadline],
+    ) -> list[ElasticFactor | None]:
+        """As `CoulombBlock.factor` for loads (Q, 6 n), at most factors (Q,); None where more searches are needed.
+
+        Args:
+            gravity, rest: (6 n,) load, and displacement under it.
+            loads: (Q, 6 n).
+            most: (Q,) factors that are enough, and those that are asked at most.
+            limits: tolerance of factors, and the deadline of all.
+        """
+        entries, (enough, above), (tolerance, deadline) = self._entries, most, limits
+        given = gravity[entries], rest[entries], loads[:, entries], enough, (tolerance, deadline.remaining)
+        asked = self._kernel.factors(*given)
+        best, earlier, motions = np.empty((3, *loads.shape))
+        best[:, entries], earlier[:, entries], motions[:, entries] = asked.best, asked.earlier, asked.motions
+        values = np.minimum(asked.factors, above).tolist()
+        found: list[ElasticFactor | None] = []
+        for row, (outcome, value) in enumerate(zip(asked.outcomes.tolist(), values, strict=True)):
+            if outcome == ElasticOutcome.UNDECIDED:
+                found.append(None)
+            elif outcome == ElasticOutcome.LATE:
+                found.append(ElasticFactor(value, False))
+            else:
+                motion = motions[row] if outcome == ElasticOutcome.COLLAPSED else None
+                found.append(ElasticFactor(value, True, motion, best[row], earlier[row]))
+        return found
 
     def response(self, at: Array | None, push: Array) -> Array:
         """(6 n,) change under a small push at a displacement; None: where nothing opens or slips."""

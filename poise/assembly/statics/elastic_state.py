@@ -1,8 +1,14 @@
 """A block on elastic contacts: its state under a load, and the factor of a load up to which it stands."""
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from poise.types import Array
+
+_LEAST_LOAD = 1e-2
+"""The load of a body counts as this share of all at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,3 +48,28 @@ class ElasticFactor:
     twist: Array | None = None
     displacement: Array | None = None
     earlier: Array | None = None
+
+
+class LoadShares:
+    """Which share of the load on a body something is.
+
+    Args:
+        gravity: (n, 6) loads at rest.
+    """
+
+    def __init__(self, gravity: Array) -> None:
+        self._squares = _squares(gravity)
+        self.weight = math.sqrt(float(self._squares.sum()))
+        """Size of all loads at rest."""
+
+    def of(self, part: Array, load: Array) -> float:
+        """The share that a part (6 n,) is of the load on a body, or of its weight; the largest of all bodies."""
+        squares = np.maximum(_squares(load), self._squares)
+        least = _LEAST_LOAD**2 * float(squares.sum()) or 1.0
+        return math.sqrt(float((_squares(part) / np.maximum(squares, least)).max()))
+
+
+def _squares(load: Array) -> Array:
+    """(n,) squared size of the part (6,) of each body in a load (6 n,)."""
+    rows = load.reshape(-1, 6)
+    return np.asarray(np.einsum("ij,ij->i", rows, rows))

@@ -62,10 +62,10 @@ class LoadFactorProgram:
         """Replace the entries of the rows, see `PairRows`."""
         self._program.set_entries(entries)
 
-    def inverse_factor(self, load: Array, enough: float = 0.0) -> InverseLoadFactor:
+    def inverse_factor(self, load: Array, enough: float = 0.0, stuck: bool = False) -> InverseLoadFactor:
         """InverseLoadFactor of a load (6 n,) in the block's units.
 
-        Where it is at most `enough`, its bounds need not be any closer.
+        Where it is at most `enough`, its bounds need not be any closer. `stuck`: the kernel did not solve it.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
@@ -73,7 +73,7 @@ class LoadFactorProgram:
         size = float(np.abs(load).max())
         if size == 0:
             return InverseLoadFactor(0.0, 0.0, np.zeros_like(load))
-        found = self._program.solve(load / size, enough / size)
+        found = self._program.solve_directly(load / size) if stuck else self._program.solve(load / size, enough / size)
         if found.outcome is Outcome.UNBOUNDED:
             return InverseLoadFactor(np.inf, np.inf, found.motion / (found.motion @ load))
         lower, upper = found.value * size, found.upper * size
@@ -91,21 +91,24 @@ class LoadFactorProgram:
         lower = np.maximum(found.value * sizes, 0.0)
         factors = InverseLoadFactors(lower, np.maximum(found.upper * sizes, lower), found.motion)
         for row in np.flatnonzero(~found.solved).tolist():
-            one = self.inverse_factor(loads[row], float(enough[row]))
+            one = self.inverse_factor(loads[row], float(enough[row]), stuck=True)
             factors.value[row], factors.upper[row], factors.twist[row] = one.value, one.upper, one.twist
         return factors
 
-    def each(self, loads: Array) -> list[InverseLoadFactor]:
-        """`inverse_factor` of each of loads (Q, 6 n); most in one call of the kernel.
+    def each(self, loads: Array, enough: Array | None = None) -> list[InverseLoadFactor]:
+        """`inverse_factor` of each of loads (Q, 6 n), with what is `enough` (Q,); most in one call of the kernel.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        sizes = np.abs(loads).max(axis=1, initial=0.0)
+        sizes, at_most = np.abs(loads).max(axis=1, initial=0.0), np.zeros(len(loads)) if enough is None else enough
         if not sizes.all():
-            return [self.inverse_factor(load) for load in loads]
-        found = self._program.solve_all(loads / sizes[:, None], np.zeros(len(loads)))
+            return [self.inverse_factor(*asked) for asked in zip(loads, at_most.tolist(), strict=True)]
+        found = self._program.solve_all(loads / sizes[:, None], at_most / sizes)
         lower, multipliers = np.maximum(found.value * sizes, 0.0), found.multipliers * sizes[:, None]
         upper = np.maximum(found.upper * sizes, lower).tolist()
-        rows = zip(found.solved.tolist(), loads, lower.tolist(), upper, found.motion, multipliers, strict=True)
-        return [InverseLoadFactor(*known) if solved else self.inverse_factor(load) for solved, load, *known in rows]
+        solved, rows = found.solved.tolist(), zip(lower.tolist(), upper, found.motion, multipliers, strict=True)
+        asked = zip(solved, rows, loads, strict=True)
+        return [
+            InverseLoadFactor(*row) if known else self.inverse_factor(load, stuck=True) for known, row, load in asked
+        ]

@@ -172,7 +172,7 @@ class PairProgram:
             if found.solved[0]:
                 value, upper = float(found.value[0]), float(found.upper[0])
                 return PairSolution(Outcome.SOLVED, value, upper, found.motion[0], found.multipliers[0])
-        return self._solved_directly(load)
+        return self.solve_directly(load)
 
     def solve_all(self, loads: Array, enough: Array) -> PairSolutions:
         """Solve for loads (Q, 6 n) in one call of the kernel; what it does not solve is left to `solve`."""
@@ -190,8 +190,12 @@ class PairProgram:
         """(1 + R,) where the kernel has that of the shared row, and those of the rows in `PairRows.order`."""
         return np.append(len(self._rows.order), self._rows.order)
 
-    def _solved_directly(self, load: Array) -> PairSolution:
-        """By Clarabel."""
+    def solve_directly(self, load: Array) -> PairSolution:
+        """By Clarabel, for what the kernel does not solve.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
         if self._direct is None:
             self._direct = ConicProgram(*self._rows.matrix(), tolerance=self._tolerance)
         objective = np.zeros(len(load) + int(self._rows.locals.sum()))

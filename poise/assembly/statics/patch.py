@@ -14,7 +14,7 @@ from poise.assembly.statics.friction_surface import PatchFriction, patch_frictio
 from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor, LoadFactorProgram
 from poise.assembly.statics.pair_program import PairRows
 from poise.geometry import cross, lengths
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _PRESSED = 1e-6
 """An interface pressed by less than this, in the block's units, has no centre of pressure."""
@@ -108,9 +108,33 @@ class PatchProgram:
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        if limit.multipliers is not None and self.allows(limit.multipliers):
+        if limit.multipliers is not None and self.allows(limit.multipliers[None])[0]:
             return limit
-        inverse, centres = resting or self.resting.inverse_factor(load, enough), self._centres
+        return self._moved(load, limit, enough, resting or self.resting.inverse_factor(load, enough))
+
+    def inverse_factors(
+        self, loads: Array, limits: Sequence[InverseLoadFactor], enough: Array
+    ) -> list[InverseLoadFactor]:
+        """The same of loads (Q, 6 n), with what is `enough` (Q,).
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        found = list(limits)
+        known = [row for row, limit in enumerate(limits) if limit.multipliers is not None]
+        allowed = np.zeros(len(loads), dtype=bool)
+        if known:
+            allowed[known] = self.allows(np.array([limits[row].multipliers for row in known]))
+        asked = np.flatnonzero(~allowed)
+        for row, resting in zip(asked.tolist(), self.resting.each(loads[asked], enough[asked]), strict=True):
+            found[row] = self._moved(loads[row], limits[row], float(enough[row]), resting)
+        return found
+
+    def _moved(
+        self, load: Array, limit: InverseLoadFactor, enough: float, resting: InverseLoadFactor
+    ) -> InverseLoadFactor:
+        """See `inverse_factor`, where patches cannot have the friction of the limit's forces."""
+        inverse, centres = resting, self._centres
         if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
             return inverse
         normal_forces = limit.multipliers[1::3]
@@ -126,43 +150,42 @@ class PatchProgram:
                 normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
         return inverse
 
-    def allows(self, multipliers: Array) -> bool:
-        """Whether the contact forces found by limit analysis turn no patch more than uniform pressure could.
+    def allows(self, multipliers: Array) -> Mask:
+        """(Q,) whether contact forces found by limit analysis (Q, rows) turn no patch more than uniform pressure could.
 
         A sufficient test: friction force over its limit, plus moment about the centre of pressure over its limit, is
         at most 1 (convexity of the limit surface).
         """
         geometry = self._geometry
-        friction = multipliers[2::3] * geometry.friction, multipliers[3::3] * geometry.friction
-        return self.allows_at(self._plane, geometry.interface, multipliers[1::3], *friction)
+        friction = multipliers[:, 2::3] * geometry.friction, multipliers[:, 3::3] * geometry.friction
+        return self.allows_at(self._plane, geometry.interface, multipliers[:, 1::3], *friction)
 
-    def allows_at(self, plane: tuple[Array, Array], which: Indices, normal: Array, along: Array, across: Array) -> bool:
+    def allows_at(self, plane: tuple[Array, Array], which: Indices, normal: Array, along: Array, across: Array) -> Mask:
         """The same of any forces.
 
         Args:
             plane: (P,), (P,) where they act, along the tangents of their interface, in the block's units.
-            which: (P,) their interface.
-            normal, along, across: (P,) normal forces, and friction along both tangents.
+            which: (P,) their interface, ascending.
+            normal, along, across: (Q, P) normal forces, and friction along both tangents.
         """
-        count, (u, v) = len(self._centres), plane
-        total = np.bincount(which, normal, count)
-        pressed = np.maximum(total, _PRESSED)
-        fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
-        turn = np.bincount(which, u * across - v * along, count)
-        lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
-        turning = turn - lever / pressed
+        (u, v), starts = plane, np.searchsorted(which, np.arange(len(self._centres)))
+        of_points = normal, along, across, u * across - v * along, normal * u, normal * v
+        total, fu, fv, turn, nu, nv = np.add.reduceat(of_points, starts, axis=2)
+        turning = turn - (nu * fv - nv * fu) / np.maximum(total, _PRESSED)
         demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turning)
-        over = np.flatnonzero(demand > self._mu * self._reach * total * (1 + 1e-4) + _PRESSED)
-        if not len(over) or len(over) > _LOOKED_AT:
-            return not len(over)
+        over = demand > self._mu * self._reach * total * (1 + 1e-4) + _PRESSED
+        counts = over.sum(axis=1)
+        looked_at = (counts > 0) & (counts <= _LOOKED_AT)
         # Those that are not within the simple bound may still be within the limit surface.
-        for i in over.tolist():
+        allowed: Mask = counts <= _LOOKED_AT
+        for row, i in zip(*(each.tolist() for each in np.nonzero(over & looked_at[:, None])), strict=True):
+            if not allowed[row]:
+                continue
             friction = self._frictions[i]
-            moment = float(turning[i]) * self._geometry.units.length / friction.size
-            needed = friction.surface.normal_force_needed_for(float(fu[i]), float(fv[i]), moment)
-            if needed > self._mu[i] * total[i] * (1 + 1e-3) + _PRESSED:
-                return False
-        return True
+            moment = float(turning[row, i]) * self._geometry.units.length / friction.size
+            needed = friction.surface.normal_force_needed_for(float(fu[row, i]), float(fv[row, i]), moment)
+            allowed[row] = needed <= self._mu[i] * total[row, i] * (1 + 1e-3) + _PRESSED
+        return allowed
 
     @cached_property
     def _plane(self) -> tuple[Array, Array]:
