@@ -161,11 +161,9 @@ def check_elastic(
             continue
         questions, block_loads = block.loads(loads)
         asked = wanted[questions]
-        questions, most = (
-            questions[asked],
-            nearly * np.minimum(limit_loads.upper[questions[asked]], CHECKED_WEIGHTS * total),
-        )
-        factors = block.solvers.coulomb.factors(block_loads[asked], most, deadline)
+        questions, block_loads = questions[asked], block_loads[asked]
+        most = nearly * np.minimum(limit_loads.upper[questions], CHECKED_WEIGHTS * total)
+        factors = block.solvers.coulomb.factors(block_loads, most, deadline)
         for question, above, found in zip(questions.tolist(), most.tolist(), factors, strict=True):
             answers[id(block.solvers), question] = found
             known[question] &= found.known

@@ -269,7 +269,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
         on_base: whether the anchor moves with the base.
     """
     place, turn = _hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
-    around = np.concatenate([distance * sphere_directions(_AROUND) for distance in _DISTANCES])
+    around = np.multiply.outer(_DISTANCES, sphere_directions(_AROUND)).reshape(-1, 3)
     anchors = np.vstack([_meeting(place, np.einsum("nij,nj->ni", turn, left[:, :3])), place.mean(axis=0) + around])
     away = anchors[:, None] - place
     length = lengths(away)  # (A, N)

@@ -85,8 +85,10 @@ def _screened(
         pieces = [_PIECE * other.gain for other in found if other.effect.name in first.effect.made_of]
         least = max(threshold, _REACH * top, *pieces)
         hopeful = (first.effect.rough or first.potential > least) and not limit.over()
-        tried = [_refined(problem, regression, recorded, each, least) for each in (first, *others)] if hopeful else []
-        done = max((_possible(recorded, each) for each in tried or [first]), key=lambda each: each.gain)
+        tried = [first]
+        if hopeful:
+            tried = [_refined(problem, regression, recorded, each, least) for each in (first, *others)]
+        done = max((_possible(recorded, each) for each in tried), key=lambda each: each.gain)
         found.append(replace(done, visibility=first.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
@@ -109,7 +111,7 @@ def _refined(
 
 
 def _possible(recorded: RecordedMotion, found: EffectCandidate) -> EffectCandidate:
-    """The same; without a gain where its values are impossible."""
+    """An effect; without hope of a gain where its values are impossible."""
     impossible = not isinstance(found.effect, FreeCurve) and found.effect.implausible(recorded, found.values)
     return replace(found, gain=-np.inf) if impossible else found
 
