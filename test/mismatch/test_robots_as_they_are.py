@@ -320,13 +320,13 @@ def test_the_play_of_a_lift_is_in_mm_and_that_of_the_arm_on_it_in_degrees() -> N
     text = urdf(("lift", "prismatic", "0 0 1"), ("elbow", "revolute", "0 1 0"))
     recorded = read(Recorded(text).joints(), text).recorded
     (effect,) = effects_called(["backlash"])
-    values = {"settling": 0.01, "own": 1.0, "others": 1.0, "own_knock": 0.0, "others_knock": 0.0}
+    values = {"turned": 0.0, "settling": 0.01, "own": 1.0, "others": 1.0, "own_knock": 0.0, "others_knock": 0.0}
     lift, elbow = {**values, "joint": 1.0, "gap": 1e-4}, {**values, "joint": 2.0, "gap": 1e-2}
     assert "lift has 0.1 mm of backlash: its force" in effect.sentence(recorded, lift)
     assert "elbow has 0.57 degrees of backlash: its torque" in effect.sentence(recorded, elbow)
     assert effect.implausible(recorded, lift) == effect.implausible(recorded, elbow) == ""
     assert effect.implausible(recorded, lift | {"gap": 1e-2}) == "gap would be 0.01 m"
-    assert effect.implausible(recorded, elbow | {"gap": 1e-4}) == "gap would be 0.0001 rad"
+    assert effect.implausible(recorded, elbow | {"gap": 3e-5}) == "gap would be 3e-05 rad"
 
 
 def test_links_that_differ_much_ask_for_the_description() -> None:

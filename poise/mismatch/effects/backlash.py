@@ -1,6 +1,8 @@
 """Backlash: the gear has play between motor and link."""
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from typing import ClassVar
 
 import numpy as np
@@ -15,18 +17,23 @@ from poise.types import Array
 
 _LOUD, _KNOCK = 1.1, 6.0
 """Residual (rms, and its largest sample) in units of white noise from which a joint is examined."""
-_GAPS, _SLIDING = (2e-4, float(np.radians(3.5))), (1e-5, 5e-3)
+_GAPS, _SLIDING = (3e-5, float(np.radians(3.5))), (1e-5, 5e-3)
 """rad and m: a gear with less play shows none, and one with more is broken."""
+_TURNED = 0.3
+"""rad by which the lever of the weight may be turned about the joint: tolerances of the load and of the encoder."""
 _AT_END = 1.01
 """Times the smallest gap up to which a fit was stopped there: a smaller one explains as much, and shows nothing."""
 _TRIED = 17
 """Gaps that are tried."""
-_BLURS, _REACHES = (15, 5), (0.3, 0.1)
-"""Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
-_MOST = 2.0
-"""Of the effort of a free link that the fit may have: it is 1 for an exact inertia; more than vanishes is no gap."""
+_JOINTS, _BESIDE = 2, 0.2
+"""Joints whose gap is searched finely, and from which score in units of the best: knocks shake other joints too."""
 _SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
+_BLURS, _FINE = (15, 5), 9
+_SEARCHES = ((15, 0.7, 0.24, _SOFT[1:2]), (5, 0.15, 0.06, _SOFT[1:2]), (1, 0.06, 0.02, _SOFT))
+"""Width of the blur in samples; how far, as a logarithm, the best gap so far is varied, and how far the lever turns."""
+_MOST = 2.0
+"""Of the effort of a free link that the fit may have: it is 1 for an exact inertia; more than vanishes is no gap."""
 
 
 class Backlash(Effect):
@@ -46,7 +53,7 @@ class Backlash(Effect):
     separating_motion = "small strokes of the joint to and fro without load: the torque vanishes, then knocks"
     confused_with = ("coulomb_friction", "stribeck_friction", "motor_inertia")
     needs = ("effort",)
-    defaults: ClassVar[Values] = {"own_knock": 0.0, "others_knock": 0.0}
+    defaults: ClassVar[Values] = {"own_knock": 0.0, "others_knock": 0.0, "turned": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.effort is None:
@@ -56,6 +63,7 @@ class Backlash(Effect):
         return (
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
             EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True),
+            EffectParameter("turned", "rad", low=-_TURNED, high=_TURNED, linear=False, hidden=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("own", "", 1.0, high=_MOST, positive=True, hidden=True),
             EffectParameter("others", "", 1.0, hidden=True),
@@ -64,34 +72,31 @@ class Backlash(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The joint whose gap explains most; its gap and the softness of the knock, from coarse to fine blur.
+        """The joints whose gap explains most; gap, lever and softness of the knock, from coarse to fine blur.
 
-        A knock shakes other joints too, which may show it more than its own. A knock some samples too late explains
-        nothing; in a blurred residual its gap still leads to a better one.
+        A knock some samples too late explains nothing; in a blurred residual its gap still leads to a better one.
         """
         level = np.maximum(white_level(residual), 1e-12)
         loud = np.maximum(residual.std(axis=0) / _LOUD, np.abs(residual).max(axis=0) / _KNOCK) >= level
 
-        def left(column: int, gap: float, settling: float, blur: int) -> float:
-            values = {"joint": float(numbers(recorded)[column]), "gap": gap, "settling": settling}
+        def explained(values: Values, blurs: Sequence[int]) -> float:
+            column = column_of(recorded, values["joint"])
             response = self.columns(recorded, values)[:, column, 0]
-            there, here = (uniform_filter1d(part, blur) for part in (residual[:, column], response))
-            there, here = (there - there.mean()) / level[column], here - here.mean()
-            return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
+            return max(_alike(residual[:, column] / level[column], response, blur) for blur in blurs)
 
-        coarse = {
-            (column, gap): left(column, gap, _SOFT[1], _BLURS[0])
-            for column in np.flatnonzero(loud).tolist()
-            for gap in np.geomspace(*_gaps(recorded, numbers(recorded)[column]), _TRIED).tolist()
-        }
-        if not coarse:
-            return
-        column, gap = min(coarse, key=coarse.__getitem__)
-        for blur, reach in zip(_BLURS, _REACHES, strict=True):
-            near = (gap * np.exp(np.linspace(-reach, reach, 11))).tolist()
-            gap = min(near, key=lambda each: left(column, each, _SOFT[1], blur))
-        settling = min(_SOFT, key=lambda each: left(column, gap, each, 1))
-        yield {"joint": float(numbers(recorded)[column]), "gap": gap, "settling": settling}
+        def best(tried: Iterable[Values], *blurs: int) -> tuple[float, Values]:
+            return max(((explained(values, blurs), values) for values in tried), key=itemgetter(0))
+
+        coarse = [
+            best((_values(joint, gap) for gap in np.geomspace(*_gaps(recorded, joint), _TRIED).tolist()), *_BLURS)
+            for joint in np.asarray(numbers(recorded), dtype=float)[loud].tolist()
+        ]
+        for score, at in sorted(coarse, key=itemgetter(0), reverse=True)[:_JOINTS]:
+            if score < _BESIDE * max(each for each, _ in coarse):
+                continue
+            for blur, gaps, turns, settlings in _SEARCHES:
+                at = best(_beside(at, gaps, turns, settlings, _gaps(recorded, at["joint"])), blur)[1]
+            yield at
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         """The effort of the joint itself, and of the others: less where these yield; and what knocks add to both.
@@ -130,8 +135,31 @@ class Backlash(Effect):
 def _free_link(recorded: RecordedMotion, values: Values) -> tuple[Array, tuple[Array, Array, Array]]:
     """(M,) acceleration of a free link relative to its motor; and how it moves in the gap, see `between_stops`."""
     track, column = efforts(recorded), column_of(recorded, values["joint"])
-    push = np.asarray(-track.rigid[:, column] / np.maximum(track.by_acceleration[:, column, column], 1e-6))
+    torque = track.rigid[:, column] + values["turned"] * track.by_position[:, column, column]
+    push = np.asarray(-torque / np.maximum(track.by_acceleration[:, column, column], 1e-6))
     return push, between_stops(track.seconds, push, values["gap"], values["settling"])
+
+
+def _alike(there: Array, here: Array, blur: int) -> float:
+    """How much of a sum of squares a response explains, both (M,) and blurred."""
+    there, here = uniform_filter1d(there, blur), uniform_filter1d(here, blur)
+    there, here = there - there.mean(), here - here.mean()
+    return max(float(there @ here), 0.0) ** 2 / max(float(here @ here), 1e-12)
+
+
+def _values(joint: float, gap: float) -> Values:
+    """Nominal torque, and knocks of medium softness."""
+    return {"joint": joint, "gap": gap, "settling": _SOFT[1], "turned": 0.0}
+
+
+def _beside(
+    at: Values, reach: float, turn: float, settlings: Sequence[float], gaps: tuple[float, float]
+) -> list[Values]:
+    """Other gaps, in a range, angles of the lever and times in which a knock settles."""
+    near = (at["gap"] * np.exp(np.linspace(-reach, reach, _FINE))).tolist()
+    turned = np.clip(at["turned"] + np.linspace(-turn, turn, _FINE), -_TURNED, _TURNED).tolist()
+    tried = itertools.product((gap for gap in near if gaps[0] <= gap <= gaps[1]), turned, settlings)
+    return [{**at, "gap": gap, "turned": angle, "settling": settling} for gap, angle, settling in tried]
 
 
 def _slides(recorded: RecordedMotion, joint: float) -> bool:

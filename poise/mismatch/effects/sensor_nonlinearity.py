@@ -9,7 +9,8 @@ from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
 _TYPICAL = ((0.06, 0.08), (20.0, 2.0))
-"""Share of the quadratic and the cubic part in the load, at this force (N) and torque (N m)."""
+"""Share of the quadratic and the cubic part in the load, at this force (N) and torque (N m): a small sensor shows as
+much at the largest load of the recording."""
 
 
 class SensorNonlinearity(Effect):
@@ -26,10 +27,11 @@ class SensorNonlinearity(Effect):
     needs = ("load",)
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        del recorded
+        largest = recorded.once(self.name, lambda: np.abs(recorded.prediction).max(axis=0, initial=0.0).reshape(2, 3))
+        loads = np.minimum(_TYPICAL[1], np.maximum(largest.max(axis=1), 1e-3)).tolist()
         made = []
         for i, channel in enumerate(WRENCH_CHANNELS):
-            load, unit = _TYPICAL[1][i // 3], "N" if i < 3 else "(N m)"
+            load, unit = loads[i // 3], "N" if i < 3 else "(N m)"
             made.append(EffectParameter(f"quadratic_{channel}", f"1/{unit}", _TYPICAL[0][0] / load))
             made.append(EffectParameter(f"cubic_{channel}", f"1/{unit}2", _TYPICAL[0][1] / load**2))
         return tuple(made)

@@ -35,6 +35,8 @@ _ROWS = 3000
 """Averages of consecutive samples that are compared, at the most."""
 _LEAST, _IN_BLOCKS = 0.12, 4
 """Share of the error of some joint on other blocks that an effect must explain, and the blocks in which it falls."""
+_IDLE, _ACTIVE = 0.05, 3
+"""Share of the mean fall below which an effect is idle in a block, and the least number of blocks where it acts."""
 _DETAIL = 0.01
 """Least share of the error of the nominal model (with its load) in some joint: laws of friction hold to a tenth."""
 _SIMPLER = 0.85
@@ -194,8 +196,14 @@ def _proven(sums: BlockSums, before: Array, after: Array, variance: Array, detai
         sure = 0.5 * sums.rows.sum() * falls > _LEAST_GAIN * variance
         left, nominal = (np.maximum(error - sums.noise, 0.0) for error in (before.mean(axis=0), sums.nominal))
         material |= sure & (falls > _LEAST * left) & (falls > _DETAIL * nominal)
-    blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
-    return bool(material.any() and falls @ (1 / variance) > 0.0 and blocks.sum() >= _IN_BLOCKS)
+    return bool(material.any() and falls @ (1 / variance) > 0.0 and _repeated((before - after) / variance))
+
+
+def _repeated(falls: Array) -> bool:
+    """Whether errors that fall by (B, J) do so in most blocks; knocks of a gear are rare: some blocks have none."""
+    falls = falls.mean(axis=1)
+    fell, idle = falls > 0.0, np.abs(falls) < _IDLE * falls.mean()
+    return fell.sum() >= _IN_BLOCKS or bool((fell & ~idle).sum() >= _ACTIVE and (fell | idle).sum() >= _IN_BLOCKS)
 
 
 def _pruned(sums: BlockSums, chosen: list[int]) -> list[int]:

@@ -89,7 +89,7 @@ def test_the_response_follows_each_parameter_smoothly(name):
                 - effect.simulate(at, {**values, p.name: p.from_unit(place - step)})
             )
             / (2 * step)
-            for step in ((1e-6, 2e-6) if knocks else (1e-4, 5e-4))
+            for step in ((5e-7, 1e-6) if knocks else (1e-4, 5e-4))
         ]
         assert np.linalg.norm(slopes[0] - slopes[1]) < 0.05 * np.linalg.norm(slopes[0]) + 1e-9, p.name
 
