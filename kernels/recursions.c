@@ -286,6 +286,9 @@ POISE_EXPORT POISE_WIDE void poise_rope(int64_t n, int64_t links, const double *
 /* Steps in a time in which a part stays at a stop, at the most. */
 static const double MOST_STEPS = 1e4;
 enum { HALVINGS = 24 }; /* of the time in which a contact ends */
+/* Share of half a gap by which a part that rests at a stop may move without another contact: rounding ends each
+   contact at once there, and begins the next. */
+static const double RESTS = 1e-9;
 
 /* Place and speed of a part along its axis. */
 typedef struct {
@@ -333,7 +336,8 @@ static double pushed(part at, double side, double half, double settling) {
 static part advanced(part at, double push, double end, double span, double half, double settling) {
   const double rate = (end - push) / span, step = fmax(settling / 2.0, span / MOST_STEPS);
   for (double left = span; left > 0.0;) {
-    const double side = at.x > 0.0 ? 1.0 : -1.0;
+    const double side = at.x > 0.0 ? 1.0 : -1.0, moves = left * (fabs(at.v) + left * fmax(fabs(push), fabs(end)));
+    if (fabs(side * at.x - half) + moves < RESTS * half) return flown(at, push, rate, left);
     double t = left < step ? left : step;
     if (side * at.x < half) {
       const part there = flown(at, push, rate, left);

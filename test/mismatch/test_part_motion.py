@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from poise.mismatch.effects.knocks import find_knocks
+from poise.mismatch.effects import part_motion
 from poise.mismatch.effects.part_motion import Oscillator, between_stops, crept, hanging, travelled
 
 GRAVITY = 9.80665
@@ -248,3 +249,15 @@ def test_a_force_without_jumps_has_no_knocks():
     seconds = np.arange(0.0, 20.0, 0.01)
     noise = np.random.default_rng(2).normal(size=(2000, 3)) * 0.1
     assert find_knocks(seconds, np.sin(seconds)[:, None] + noise, np.full(3, 0.1)) == []
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_part_that_is_not_pushed_rests_at_its_stop(compiled, monkeypatch):
+    """Rounding once began a new contact after each: a minute of CPU for two seconds of a gantry at rest."""
+    monkeypatch.setattr(part_motion, "COMPILED", compiled and part_motion.COMPILED)
+    rng = np.random.default_rng(3)
+    push = 1e-17 * np.cumsum(rng.choice([-1.4, 0.0, 1.4], 900)) - 1.4e-16
+    push[rng.random(900) < 0.05] = 0.0
+    x, dx, ddx = between_stops(np.arange(900) * 0.004, push, 3e-5, 0.006)
+    np.testing.assert_allclose(x, -1.5e-5, atol=1e-13)
+    np.testing.assert_allclose([dx, ddx], 0.0, atol=1e-9)

@@ -16,6 +16,8 @@ _MOST_STEPS = 1e4
 """Steps in a time in which a part stays at a stop, at the most."""
 _HALVINGS = 24
 """Of the time in which a contact ends."""
+_RESTS = 1e-9
+"""Share of half a gap by which a part that rests at a stop may move without another contact."""
 _SWING_STEP, _LONGEST_STEP = 0.24, 0.03
 """rad of phase, and s: largest steps of a pendulum."""
 _BLUR = 1e-3
@@ -219,6 +221,9 @@ def _advanced(
     rate, left, step = (end - push) / span, span, max(settling / 2, span / _MOST_STEPS)
     while left > 0.0:
         side, t = 1.0 if x > 0.0 else -1.0, min(left, step)
+        moves = left * (abs(v) + left * max(abs(push), abs(end)))
+        if abs(side * x - half) + moves < _RESTS * half:
+            return _flown(x, v, push, rate, left)
         if side * x < half:
             there = _flown(x, v, push, rate, left)
             if abs(there[0]) <= half:
