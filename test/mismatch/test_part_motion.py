@@ -256,7 +256,7 @@ def test_a_part_that_is_not_pushed_rests_at_its_stop(compiled, monkeypatch):
     """Rounding once began a new contact after each: a minute of CPU for two seconds of a gantry at rest."""
     monkeypatch.setattr(part_motion, "COMPILED", compiled and part_motion.COMPILED)
     rng = np.random.default_rng(3)
-    push = 1e-17 * np.cumsum(rng.choice([-1.4, 0.0, 1.4], 900)) - 1.4e-16
+    push = -1.4e-16 + np.cumsum(rng.choice([-1, 0, 1], 900)) * 4.57e-18 * 3
     push[rng.random(900) < 0.05] = 0.0
     x, dx, ddx = between_stops(np.arange(900) * 0.004, push, 3e-5, 0.006)
     np.testing.assert_allclose(x, -1.5e-5, atol=1e-13)
