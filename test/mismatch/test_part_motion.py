@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from poise.mismatch.effects.knocks import find_knocks
 from poise.mismatch.effects import part_motion
+from poise.mismatch.effects.knocks import find_knocks
 from poise.mismatch.effects.part_motion import Oscillator, between_stops, crept, hanging, travelled
 
 GRAVITY = 9.80665
