@@ -89,9 +89,9 @@ def test_no_load_is_asked_of_limit_analysis_twice(monkeypatch):
         asked.append((id(program), load.tobytes()))
         return solve(program, load, enough)
 
-    def all_counted(program, loads):
+    def all_counted(program, loads, enough=None):
         asked.extend((id(program), load.tobytes()) for load in loads)
-        return each(program, loads)
+        return each(program, loads, enough)
 
     analysis = Analysis.of(scenes.wall(2, 2))
     analysis.stability()
