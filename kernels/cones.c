@@ -9,7 +9,7 @@
 #include "dense.h"
 #include "eight_cones.h"
 
-enum { MOST_STEPS = 60, SOLVED = 0, STUCK = 1 };
+enum { MOST_STEPS = 60, CAREFUL_ROUNDS = 3, SOLVED = 0, STUCK = 1 };
 static const double SHORT = 0.99, ENOUGH_KEPT = 1e-13, LEFT = 1e-7, CENTRED = 0.1, NEAR = 0.7,
                     ROUNDED = 1e-11;
 
@@ -362,10 +362,11 @@ static void solve_once(struct solver *solver, const double *p, const double *r, 
   z[at->rows] = zeta;
 }
 
-static void solve_corrected(struct solver *solver, const double *p, const double *r, double *x, double *z) {
+/* The same, then what is left of the equations is solved for, in so many rounds. */
+static void solve_corrected(struct solver *solver, const double *p, const double *r, double *x, double *z, int rounds) {
   const struct layout *at = &solver->at;
   solve_once(solver, p, r, x, z);
-  for (int round = 0; round < 1; round++) {
+  for (int round = 0; round < rounds; round++) {
     memcpy(solver->rest_x, p, sizeof(double) * (size_t)at->unknowns);
     for (int64_t i = 0; i <= at->rows; i++) solver->rest_z[i] = -z[i];
     columns_of(solver, solver->rest_z, solver->rest_x);
@@ -378,7 +379,6 @@ static void solve_corrected(struct solver *solver, const double *p, const double
     for (int64_t i = 0; i <= at->rows; i++) z[i] += solver->repaired_z[i];
   }
 }
-
 
 /* Move u into its cones: as `conelp` of CVXOPT begins. */
 static void into_cones(const struct solver *solver, double *u) {
@@ -494,15 +494,16 @@ POISE_WIDE static void change_to(const struct solver *solver, struct iterate *it
               change_in(solver->scaling + number, it, heads, size))
 }
 
-/* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains. */
-static void direction(struct solver *solver, struct iterate *it, double kept, int corrected) {
+/* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains;
+   corrected in so many rounds. */
+static void direction(struct solver *solver, struct iterate *it, double kept, int rounds) {
   const struct layout *at = &solver->at;
   const int64_t shared = at->rows;
   for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -kept * it->rest_x[i];
   change_to(solver, it);
   it->ds[shared] = solver->program->equal ? 0.0 : it->aim[shared] / it->z[shared];
   for (int64_t i = 0; i <= at->rows; i++) it->right[i] = -kept * it->rest_z[i] - it->ds[i];
-  (corrected ? solve_corrected : solve_once)(solver, it->p, it->right, it->dx, it->dz);
+  solve_corrected(solver, it->p, it->right, it->dx, it->dz, rounds);
   apply_squares(solver, it->dz, 0, it->right);
   it->right[shared] = solver->shared_weight * it->dz[shared];
   for (int64_t i = 0; i <= at->rows; i++) it->ds[i] -= it->right[i];
@@ -550,7 +551,7 @@ static int centre(struct solver *solver, struct iterate *it) {
   memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
   memset(it->z, 0, sizeof(double) * (size_t)(at->rows + 1));
   it->right[at->rows] = 1.0;
-  solve_corrected(solver, it->p, it->right, it->x, it->s);
+  solve_corrected(solver, it->p, it->right, it->x, it->s, 1);
   for (int64_t i = 0; i <= at->rows; i++) it->s[i] = -it->s[i];
   into_cones(solver, it->s);
   into_cones(solver, it->z);
@@ -574,7 +575,7 @@ static void leave_centre(struct solver *solver, struct iterate *it, int central)
   const struct layout *at = &solver->at;
   memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
   for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -it->q[i];
-  solve_corrected(solver, it->p, it->right, it->dx, it->dz);
+  solve_corrected(solver, it->p, it->right, it->dx, it->dz, 1);
   if (!central) {
     memcpy(it->z, it->dz, sizeof(double) * (size_t)(at->rows + 1));
     into_cones(solver, it->z);
@@ -585,12 +586,15 @@ static void leave_centre(struct solver *solver, struct iterate *it, int central)
 }
 
 /* Solve for the load in `q`, from the centre that x, s, z and the factors are of, or until the most power is known to be
-   at most `enough`. Returns SOLVED or STUCK. */
-static int solve_program(struct solver *solver, struct iterate *it, int central, double enough, int64_t *steps) {
+   at most `enough`. Every step is corrected if `careful`, otherwise only after one that left more than rounding: that
+   takes less time, but near the end rounding of a single step may grow until no more is gained. Returns SOLVED or
+   STUCK. */
+static int solve_program(struct solver *solver, struct iterate *it, int central, int careful, double enough,
+                         int64_t *steps) {
   const struct layout *at = &solver->at;
   const double tolerance = solver->program->tolerance, size_q = largest_of(it->q, at->unknowns);
   leave_centre(solver, it, central);
-  for (*steps = 0; *steps < MOST_STEPS; ++*steps) {
+  for (int number = 0; number < MOST_STEPS; number++, ++*steps) {
     measure(solver, it);
     const double value = dot(it->q, it->x, at->unknowns), apart = fabs(value + it->z[at->rows]);
     if (!isfinite(it->mu)) return STUCK;
@@ -606,7 +610,8 @@ static int solve_program(struct solver *solver, struct iterate *it, int central,
     after /= it->mu * (double)(at->cones + !solver->program->equal);
     const double left = fmin(1.0, fmax(after * after * after, 0.0));
     aim_at(solver, it, left * it->mu, 1);
-    direction(solver, it, 1.0 - left, fmax(it->primal, it->dual) > ROUNDED * (1.0 + size_q));
+    const int rounded = fmax(it->primal, it->dual) <= ROUNDED * (1.0 + size_q);
+    direction(solver, it, 1.0 - left, careful ? CAREFUL_ROUNDS : !rounded);
     const double slacks = longest(solver, it->s, it->ds), multipliers = longest(solver, it->z, it->dz);
     if (!(fmin(slacks, multipliers) > 1e-10)) return STUCK;
     step(solver, it, fmin(1.0, SHORT * slacks), fmin(1.0, SHORT * multipliers));
@@ -727,11 +732,14 @@ POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, con
   for (int64_t q = 0; q < loads; q++) {
     outcome[q] = STUCK;
     if (made->central < 0) continue;
-    memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
-    solver->shared_weight = made->weight;
-    solver->denominator = made->denominator;
-    for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
-    outcome[q] = solve_program(solver, it, made->central, enough[q], steps + q);
+    steps[q] = 0;
+    for (int careful = 0; careful < 2 && outcome[q] == STUCK; careful++) {
+      memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
+      solver->shared_weight = made->weight;
+      solver->denominator = made->denominator;
+      for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
+      outcome[q] = solve_program(solver, it, made->central, careful, enough[q], steps + q);
+    }
     value[q] = -dot(it->q, it->x, solver->at.unknowns);
     upper[q] = it->z[rows - 1];
     memcpy(motion + q * size, it->x, sizeof(double) * (size_t)size);
