@@ -7,8 +7,9 @@
 
 #include "bodies.h"
 #include "dense.h"
+#include "eight_cones.h"
 
-enum { MOST_STEPS = 60, WIDEST = 4, SOLVED = 0, STUCK = 1 };
+enum { MOST_STEPS = 60, CAREFUL_ROUNDS = 3, SOLVED = 0, STUCK = 1 };
 static const double SHORT = 0.99, ENOUGH_KEPT = 1e-13, LEFT = 1e-7, CENTRED = 0.1, NEAR = 0.7,
                     ROUNDED = 1e-11;
 
@@ -27,19 +28,15 @@ struct cone_program {
 /* Where things of each pair begin. */
 struct layout {
   int64_t *row, *unknown, *entry, *square, rows, unknowns, entries, squares, cones, most_rows, most_locals;
-};
-
-/* A scaling of one cone: W = eta (2 v v' - J)^(1/2), see Vandenberghe (2010), "The CVXOPT linear and quadratic cone
-   program solvers", chapter 4. */
-struct scaling {
-  double eta, v[WIDEST], back, share; /* 1 / eta, 1 / (1 + v0) */
+  int64_t *heads; /* (single_eights + wide_eights, 8) first row of each cone: eight of a size are computed at a time */
+  int64_t single_eights, wide_eights;
 };
 
 struct solver {
   const struct cone_program *program;
   struct layout at;
   struct body_matrix matrix;
-  struct scaling *scaling;
+  struct scaling *scaling; /* of the eights */
   double *squares;  /* (M, M) factor of the locals, and (M, 6) what the locals take of the motion, of each pair */
   double *scaled;   /* rows of one pair in the scale of their cones */
   double *local;    /* (unknowns - 6 n) scratch */
@@ -55,14 +52,34 @@ static POISE_INLINE double larger(double a, double b) { return a > b ? a : b; }
 
 static int64_t size_of(const struct cone_program *program) { return SIDE * program->bodies.count; }
 
+/* Places without a cone in the last eight of a size repeat the last cone: what is computed again there is the same. */
+static void lay_out_eights(const struct cone_program *program, struct layout *at) {
+  int64_t *single = at->heads, *wide = at->heads + WIDTH * at->single_eights;
+  for (int64_t e = 0; e < program->bodies.pairs; e++) {
+    for (int64_t c = 0; c < program->singles[e]; c++) *single++ = at->row[e] + c;
+    for (int64_t c = 0; c < program->wides[e]; c++) *wide++ = at->row[e] + program->singles[e] + program->wide * c;
+  }
+  for (; single < at->heads + WIDTH * at->single_eights; single++) *single = single[-1];
+  for (; wide < at->heads + WIDTH * (at->single_eights + at->wide_eights); wide++) *wide = wide[-1];
+}
+
 static int lay_out(const struct cone_program *program, struct layout *at) {
   const int64_t pairs = program->bodies.pairs;
+  int64_t singles = 0, wides = 0;
   memset(at, 0, sizeof *at);
-  at->row = malloc(sizeof(int64_t) * (size_t)(4 * pairs + 4));
+  for (int64_t e = 0; e < pairs; e++) {
+    singles += program->singles[e];
+    wides += program->wides[e];
+  }
+  at->single_eights = (singles + WIDTH - 1) / WIDTH;
+  at->wide_eights = (wides + WIDTH - 1) / WIDTH;
+  const int64_t eights = at->single_eights + at->wide_eights;
+  at->row = malloc(sizeof(int64_t) * (size_t)(4 * pairs + 4 + WIDTH * eights));
   if (!at->row) return POISE_NO_MEMORY;
   at->unknown = at->row + pairs + 1;
   at->entry = at->unknown + pairs + 1;
   at->square = at->entry + pairs + 1;
+  at->heads = at->square + pairs + 1;
   at->unknowns = size_of(program);
   for (int64_t e = 0; e < pairs; e++) {
     const int64_t rows = program->singles[e] + program->wide * program->wides[e], locals = program->locals[e];
@@ -74,12 +91,13 @@ static int lay_out(const struct cone_program *program, struct layout *at) {
     at->unknowns += locals;
     at->entries += rows * (SIDE + locals);
     at->squares += locals * (locals + SIDE);
-    at->cones += program->singles[e] + program->wides[e];
     if (rows > at->most_rows) at->most_rows = rows;
     if (locals > at->most_locals) at->most_locals = locals;
   }
   at->row[pairs] = at->rows;
   at->unknown[pairs] = at->unknowns;
+  at->cones = singles + wides;
+  lay_out_eights(program, at);
   return POISE_OK;
 }
 
@@ -143,19 +161,21 @@ POISE_WIDE static void columns_of(const struct solver *solver, const double *z, 
          first += size, c_++, number++)                                                                    \
       if ((size = c_ < (program)->singles[e_] ? 1 : (program)->wide) > 0)
 
-/* The same with `size` a constant of each of three copies of `call`, an expression or statement. */
-#define CALL_EACH_CONE(program, at, first, size, number, call)                      \
-  FOR_EACH_CONE(program, at, first, size_, number) {                                \
-    if (size_ == 1) {                                                               \
-      enum { size = 1 };                                                            \
-      call;                                                                         \
-    } else if (size_ == 3) {                                                        \
-      enum { size = 3 };                                                            \
-      call;                                                                         \
-    } else {                                                                        \
-      enum { size = WIDEST };                                                       \
-      call;                                                                         \
-    }                                                                               \
+/* Call for eight cones of a size at a time: `heads`, rows where they begin; `size`, a constant of each of three copies of
+   `call`, a statement; number of the eight. */
+#define CALL_EIGHTS(program, at, heads, size, number, call)                                  \
+  for (int64_t number = 0; number < (at)->single_eights + (at)->wide_eights; number++) {     \
+    const int64_t *heads = (at)->heads + WIDTH * number;                                    \
+    if (number < (at)->single_eights) {                                                      \
+      enum { size = 1 };                                                                     \
+      call;                                                                                  \
+    } else if ((program)->wide == 3) {                                                       \
+      enum { size = 3 };                                                                     \
+      call;                                                                                  \
+    } else {                                                                                 \
+      enum { size = WIDEST };                                                                \
+      call;                                                                                  \
+    }                                                                                        \
   }
 
 static POISE_INLINE double edge(const double *u, int64_t size) { /* how far inside its cone u is */
@@ -164,107 +184,17 @@ static POISE_INLINE double edge(const double *u, int64_t size) { /* how far insi
   return u[0] - sqrt(square);
 }
 
-static POISE_INLINE double minor(const double *u, int64_t size) { /* u' J u */
-  double square = 0.0;
-  for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
-  const double side = sqrt(square);
-  return (u[0] - side) * (u[0] + side);
-}
-
-/* The scaling for which W z = W^-1 s = `middle`; 0 when s or z is not inside the cone. */
-static POISE_INLINE int scale(const double *s, const double *z, int64_t size, struct scaling *w, double *middle) {
-  if (size == 1) {
-    if (!(s[0] > 0.0 && z[0] > 0.0)) return 0;
-    w->eta = sqrt(s[0] / z[0]);
-    w->back = 1.0 / w->eta;
-    w->v[0] = 1.0;
-    middle[0] = sqrt(s[0] * z[0]);
-    return 1;
-  }
-  const double in_s = minor(s, size), in_z = minor(z, size);
-  if (!(in_s > 0.0 && in_z > 0.0 && s[0] > 0.0 && z[0] > 0.0)) return 0;
-  const double of_s = sqrt(in_s), of_z = sqrt(in_z);
-  double product = 0.0;
-  for (int64_t i = 0; i < size; i++) product += s[i] * z[i];
-  const double gamma = sqrt((1.0 + product / (of_s * of_z)) / 2.0);
-  w->eta = sqrt(of_s / of_z);
-  w->v[0] = (s[0] / of_s + z[0] / of_z) / (2.0 * gamma);
-  for (int64_t i = 1; i < size; i++) w->v[i] = (s[i] / of_s - z[i] / of_z) / (2.0 * gamma);
-  /* on the hyperboloid to the last bit */
-  double square = 1.0;
-  for (int64_t i = 1; i < size; i++) square += w->v[i] * w->v[i];
-  w->v[0] = sqrt(square);
-  w->back = 1.0 / w->eta;
-  w->share = 1.0 / (1.0 + w->v[0]);
-  double along = w->v[0] * z[0];
-  for (int64_t i = 1; i < size; i++) along += w->v[i] * z[i];
-  middle[0] = w->eta * along;
-  for (int64_t i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) * w->share * w->v[i]);
-  return 1;
-}
-
-/* out = W u, or W^-1 u */
-static POISE_INLINE void apply_scaling(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
-  if (size == 1) {
-    out[0] = u[0] * (inverse ? w->back : w->eta);
-    return;
-  }
-  const double sign = inverse ? -1.0 : 1.0, eta = inverse ? w->back : w->eta;
-  double across = 0.0;
-  for (int64_t i = 1; i < size; i++) across += w->v[i] * u[i];
-  const double along = w->v[0] * u[0] + sign * across, more = sign * u[0] + across * w->share;
-  for (int64_t i = 1; i < size; i++) out[i] = eta * (u[i] + more * w->v[i]);
-  out[0] = eta * along;
-}
-
-/* Jordan product u o v, and the solution of u o out = v */
-static POISE_INLINE void jordan(const double *u, const double *v, int64_t size, double *out) {
-  double sum = 0.0;
-  for (int64_t i = 0; i < size; i++) sum += u[i] * v[i];
-  for (int64_t i = 1; i < size; i++) out[i] = u[0] * v[i] + v[0] * u[i];
-  out[0] = sum;
-}
-
-static POISE_INLINE void divide(const double *u, const double *v, int64_t size, double *out) {
-  if (size == 1) {
-    out[0] = v[0] / u[0];
-    return;
-  }
-  double sum = 0.0;
-  for (int64_t i = 1; i < size; i++) sum += u[i] * v[i];
-  const double first = (u[0] * v[0] - sum) / minor(u, size);
-  for (int64_t i = 1; i < size; i++) out[i] = (v[i] - first * u[i]) / u[0];
-  out[0] = first;
-}
-
-/* The longest step from u along d that stays in the cone. */
-static POISE_INLINE double reach(const double *u, const double *d, int64_t size) {
-  if (size == 1) return d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
-  double a = d[0] * d[0], b = u[0] * d[0];
-  for (int64_t i = 1; i < size; i++) {
-    a -= d[i] * d[i];
-    b -= u[i] * d[i];
-  }
-  const double c = larger(minor(u, size), 0.0), root = b * b - a * c;
-  double least = d[0] < 0.0 ? -u[0] / d[0] : INFINITY;
-  if (a < 0.0 || (b < 0.0 && root >= 0.0)) {
-    /* the first positive root of a t^2 + 2 b t + c */
-    const double found = b < 0.0 || a >= 0.0 ? c / (-b + sqrt(larger(root, 0.0))) : (-b - sqrt(larger(root, 0.0))) / a;
-    if (found >= 0.0 && found < least) least = found;
-  }
-  return least;
-}
-
-/* scaled (size, stride) = W^-1 of the rows (size, width) of a cone, in whole vectors. */
-static POISE_INLINE void scale_rows(const struct scaling *w, const double *rows, const double *end, int64_t width,
-                                    const int size, int64_t stride, double *scaled) {
-  double inverse[WIDEST][WIDEST];
-  const double scale = w->back, share = size > 1 ? scale * w->share : 0.0;
+/* scaled (size, stride) = W^-1 of the rows (size, width) of a cone of eight, in whole vectors. */
+static POISE_INLINE void scale_rows(const struct scaling *w, int64_t lane, const double *rows, const double *end,
+                                    int64_t width, const int size, int64_t stride, double *scaled) {
+  double inverse[WIDEST][WIDEST], v[WIDEST];
+  const double scale = w->back[lane], share = size > 1 ? scale * w->share[lane] : 0.0;
+  for (int i = 0; i < size; i++) v[i] = w->v[i][lane];
   for (int i = 1; i < size; i++) {
-    for (int j = 1; j < size; j++) inverse[i][j] = share * w->v[i] * w->v[j] + (i == j ? scale : 0.0);
-    inverse[i][0] = inverse[0][i] = -scale * w->v[i];
+    for (int j = 1; j < size; j++) inverse[i][j] = share * v[i] * v[j] + (i == j ? scale : 0.0);
+    inverse[i][0] = inverse[0][i] = -scale * v[i];
   }
-  inverse[0][0] = size > 1 ? scale * w->v[0] : scale;
+  inverse[0][0] = size > 1 ? scale * v[0] : scale;
   for (int64_t begin = 0; begin < stride; begin += WIDTH) {
     row_of_block row[WIDEST];
     for (int i = 0; i < size; i++) read_row_until(rows + i * width + begin, end, row + i);
@@ -284,7 +214,7 @@ POISE_WIDE static int factor(struct solver *solver) {
   const struct layout *at = &solver->at;
   const double *end = program->entries + at->entries;
   const int64_t size = size_of(program);
-  int64_t cone = 0;
+  int64_t single = 0, wide = WIDTH * at->single_eights;
   bodies_clear(&program->bodies, &solver->matrix, 0.0);
   for (int64_t e = 0; e < program->bodies.pairs; e++) {
     const int64_t locals = program->locals[e], width = SIDE + locals, stride = in_vectors(width);
@@ -292,15 +222,15 @@ POISE_WIDE static int factor(struct solver *solver) {
     double *scaled = solver->scaled, *square = solver->squares + at->square[e], *taken = square + locals * locals;
     row_of_block total[SIDE] = {{0.0}};
     int64_t rows = 0;
-    for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++, cone++) {
-      const int64_t high = c < program->singles[e] ? 1 : program->wide;
-      const struct scaling *w = solver->scaling + cone;
+    for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++) {
+      const int64_t high = c < program->singles[e] ? 1 : program->wide, number = high == 1 ? single++ : wide++;
+      const struct scaling *w = solver->scaling + number / WIDTH;
       if (high == 1)
-        scale_rows(w, entry, end, width, 1, stride, scaled);
+        scale_rows(w, number % WIDTH, entry, end, width, 1, stride, scaled);
       else if (high == 3)
-        scale_rows(w, entry, end, width, 3, stride, scaled);
+        scale_rows(w, number % WIDTH, entry, end, width, 3, stride, scaled);
       else
-        scale_rows(w, entry, end, width, WIDEST, stride, scaled);
+        scale_rows(w, number % WIDTH, entry, end, width, WIDEST, stride, scaled);
       entry += high * width;
       scaled += high * stride;
       rows += high;
@@ -393,19 +323,22 @@ static int factor_with_shared(struct solver *solver) {
 }
 
 /* out = W^-2 (or W^2) u of all rows but the shared one */
-static POISE_INLINE void apply_square(const struct scaling *w, const double *u, int64_t size, int inverse, double *out) {
-  double there[WIDEST];
-  apply_scaling(w, u, size, inverse, there);
-  apply_scaling(w, there, size, inverse, out);
+static POISE_INLINE void square_in(const struct scaling *w, const double *u, const int64_t *heads, const int size,
+                                   const int inverse, double *out) {
+  row_of_block here[WIDEST], there[WIDEST];
+  take(u, heads, size, here);
+  apply_scaling(w, here, size, inverse, there);
+  apply_scaling(w, there, size, inverse, here);
+  put(here, heads, size, out);
 }
 
 POISE_WIDE static void apply_squares(const struct solver *solver, const double *u, int inverse, double *out) {
   if (inverse) {
-    CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                   apply_square(solver->scaling + number, u + first, size, 1, out + first))
+    CALL_EIGHTS(solver->program, &solver->at, heads, size, number,
+                square_in(solver->scaling + number, u, heads, size, 1, out))
   } else {
-    CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                   apply_square(solver->scaling + number, u + first, size, 0, out + first))
+    CALL_EIGHTS(solver->program, &solver->at, heads, size, number,
+                square_in(solver->scaling + number, u, heads, size, 0, out))
   }
 }
 
@@ -429,10 +362,11 @@ static void solve_once(struct solver *solver, const double *p, const double *r, 
   z[at->rows] = zeta;
 }
 
-static void solve_corrected(struct solver *solver, const double *p, const double *r, double *x, double *z) {
+/* The same, then what is left of the equations is solved for, in so many rounds. */
+static void solve_corrected(struct solver *solver, const double *p, const double *r, double *x, double *z, int rounds) {
   const struct layout *at = &solver->at;
   solve_once(solver, p, r, x, z);
-  for (int round = 0; round < 1; round++) {
+  for (int round = 0; round < rounds; round++) {
     memcpy(solver->rest_x, p, sizeof(double) * (size_t)at->unknowns);
     for (int64_t i = 0; i <= at->rows; i++) solver->rest_z[i] = -z[i];
     columns_of(solver, solver->rest_z, solver->rest_x);
@@ -445,7 +379,6 @@ static void solve_corrected(struct solver *solver, const double *p, const double
     for (int64_t i = 0; i <= at->rows; i++) z[i] += solver->repaired_z[i];
   }
 }
-
 
 /* Move u into its cones: as `conelp` of CVXOPT begins. */
 static void into_cones(const struct solver *solver, double *u) {
@@ -482,11 +415,20 @@ struct iterate {
   double mu, dual, primal;
 };
 
+static POISE_INLINE int scale_in(struct scaling *w, struct iterate *it, const int64_t *heads, const int size) {
+  row_of_block s[WIDEST], z[WIDEST], middle[WIDEST];
+  take(it->s, heads, size, s);
+  take(it->z, heads, size, z);
+  if (!scale(s, z, size, w, middle)) return 0;
+  put(middle, heads, size, it->middle);
+  return 1;
+}
+
 /* Scale all cones; 0 when an iterate has left them. */
 POISE_WIDE static int rescale(struct solver *solver, struct iterate *it) {
   const int64_t shared = solver->at.rows;
-  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                 if (!scale(it->s + first, it->z + first, size, solver->scaling + number, it->middle + first)) return 0)
+  CALL_EIGHTS(solver->program, &solver->at, heads, size, number,
+              if (!scale_in(solver->scaling + number, it, heads, size)) return 0)
   if (solver->program->equal) {
     solver->shared_weight = 0.0;
     return 1;
@@ -510,62 +452,81 @@ static void measure(const struct solver *solver, struct iterate *it) {
   it->primal = largest_of(it->rest_z, at->rows + 1);
 }
 
-/* aim (size) of one cone; see `aim_at`. */
-static POISE_INLINE void aim_in(const struct scaling *w, struct iterate *it, int64_t first, int64_t size, double centre,
-                                int curved) {
-  double square[WIDEST], one[WIDEST], other[WIDEST], cross[WIDEST] = {0.0};
-  jordan(it->middle + first, it->middle + first, size, square);
+/* aim (size) of eight cones; see `aim_at`. */
+static POISE_INLINE void aim_in(const struct scaling *w, struct iterate *it, const int64_t *heads, const int size,
+                                double centre, int curved) {
+  row_of_block middle[WIDEST], aim[WIDEST], change[WIDEST], one[WIDEST], other[WIDEST], cross[WIDEST] = {{0.0}};
+  take(it->middle, heads, size, middle);
+  jordan(middle, middle, size, aim);
   if (curved) {
-    apply_scaling(w, it->ds + first, size, 1, one);
-    apply_scaling(w, it->dz + first, size, 0, other);
+    take(it->ds, heads, size, change);
+    apply_scaling(w, change, size, 1, one);
+    take(it->dz, heads, size, change);
+    apply_scaling(w, change, size, 0, other);
     jordan(one, other, size, cross);
   }
-  for (int64_t i = 0; i < size; i++) it->aim[first + i] = -square[i] - cross[i];
-  it->aim[first] += centre;
+  for (int i = 0; i < size; i++) aim[i] = -aim[i] - cross[i];
+  aim[0] += centre;
+  put(aim, heads, size, it->aim);
 }
 
 /* aim (rows) = centre - middle o middle, and if `curved`, - (scaled change of s) o (scaled change of z). */
 POISE_WIDE static void aim_at(const struct solver *solver, struct iterate *it, double centre, int curved) {
   const int64_t shared = solver->at.rows;
-  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                 aim_in(solver->scaling + number, it, first, size, centre, curved))
+  CALL_EIGHTS(solver->program, &solver->at, heads, size, number,
+              aim_in(solver->scaling + number, it, heads, size, centre, curved))
   if (!solver->program->equal)
     it->aim[shared] = centre - it->s[shared] * it->z[shared] - (curved ? it->ds[shared] * it->dz[shared] : 0.0);
 }
 
-/* The change of s (size) in one cone that takes all of the aim. */
-static POISE_INLINE void change_in(const struct scaling *w, struct iterate *it, int64_t first, int64_t size) {
-  double there[WIDEST];
-  divide(it->middle + first, it->aim + first, size, there);
-  apply_scaling(w, there, size, 0, it->ds + first);
+/* The change of s (size) in eight cones that takes all of the aim. */
+static POISE_INLINE void change_in(const struct scaling *w, struct iterate *it, const int64_t *heads, const int size) {
+  row_of_block middle[WIDEST], aim[WIDEST], there[WIDEST];
+  take(it->middle, heads, size, middle);
+  take(it->aim, heads, size, aim);
+  divide(middle, aim, size, there);
+  apply_scaling(w, there, size, 0, aim);
+  put(aim, heads, size, it->ds);
 }
 
 POISE_WIDE static void change_to(const struct solver *solver, struct iterate *it) {
-  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                 change_in(solver->scaling + number, it, first, size))
+  CALL_EIGHTS(solver->program, &solver->at, heads, size, number,
+              change_in(solver->scaling + number, it, heads, size))
 }
 
-/* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains. */
-static void direction(struct solver *solver, struct iterate *it, double kept, int corrected) {
+/* The change for which (scaled change of s + that of z) o middle is the aim, and all but `kept` of the rest remains;
+   corrected in so many rounds. */
+static void direction(struct solver *solver, struct iterate *it, double kept, int rounds) {
   const struct layout *at = &solver->at;
   const int64_t shared = at->rows;
   for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -kept * it->rest_x[i];
   change_to(solver, it);
   it->ds[shared] = solver->program->equal ? 0.0 : it->aim[shared] / it->z[shared];
   for (int64_t i = 0; i <= at->rows; i++) it->right[i] = -kept * it->rest_z[i] - it->ds[i];
-  (corrected ? solve_corrected : solve_once)(solver, it->p, it->right, it->dx, it->dz);
+  solve_corrected(solver, it->p, it->right, it->dx, it->dz, rounds);
   apply_squares(solver, it->dz, 0, it->right);
   it->right[shared] = solver->shared_weight * it->dz[shared];
   for (int64_t i = 0; i <= at->rows; i++) it->ds[i] -= it->right[i];
   if (solver->program->equal) it->ds[shared] = 0.0;
 }
 
+/* Let `most` be no longer than the steps that keep u in eight cones. */
+static POISE_INLINE void reach_in(const double *u, const double *du, const int64_t *heads, const int size,
+                                  row_of_block *most) {
+  row_of_block here[WIDEST], change[WIDEST];
+  take(u, heads, size, here);
+  take(du, heads, size, change);
+  reach(here, change, size, most);
+}
+
 /* The longest step that keeps u in its cones. */
 POISE_WIDE static double longest(const struct solver *solver, const double *u, const double *du) {
-  double least = solver->program->equal ? INFINITY : reach(u + solver->at.rows, du + solver->at.rows, 1);
-  CALL_EACH_CONE(solver->program, &solver->at, first, size, number,
-                 (void)number; least = lesser(reach(u + first, du + first, size), least))
-  return least;
+  const double on = u[solver->at.rows], off = du[solver->at.rows]; /* of the shared row */
+  row_of_block least = (row_of_block){0.0} + (!solver->program->equal && off < 0.0 ? -on / off : INFINITY);
+  CALL_EIGHTS(solver->program, &solver->at, heads, size, number, (void)number; reach_in(u, du, heads, size, &least))
+  double shortest = least[0];
+  for (int l = 1; l < WIDTH; l++) shortest = lesser(least[l], shortest);
+  return shortest;
 }
 
 static void step(const struct solver *solver, struct iterate *it, double slacks, double multipliers) {
@@ -582,17 +543,15 @@ static void step(const struct solver *solver, struct iterate *it, double slacks,
 static int centre(struct solver *solver, struct iterate *it) {
   const struct layout *at = &solver->at;
   solver->shared_weight = !solver->program->equal;
-  FOR_EACH_CONE(solver->program, at, first, size, number) {
-    (void)first;
-    solver->scaling[number] = (struct scaling){.eta = 1.0, .v = {1.0}, .back = 1.0, .share = 0.5};
-    (void)size;
-  }
+  const row_of_block one = (row_of_block){0.0} + 1.0;
+  for (int64_t eight = 0; eight < at->single_eights + at->wide_eights; eight++)
+    solver->scaling[eight] = (struct scaling){.eta = one, .v = {one}, .back = one, .share = 0.5 * one};
   if (factor_with_shared(solver)) return -1;
   memset(it->p, 0, sizeof(double) * (size_t)at->unknowns);
   memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
   memset(it->z, 0, sizeof(double) * (size_t)(at->rows + 1));
   it->right[at->rows] = 1.0;
-  solve_corrected(solver, it->p, it->right, it->x, it->s);
+  solve_corrected(solver, it->p, it->right, it->x, it->s, 1);
   for (int64_t i = 0; i <= at->rows; i++) it->s[i] = -it->s[i];
   into_cones(solver, it->s);
   into_cones(solver, it->z);
@@ -616,7 +575,7 @@ static void leave_centre(struct solver *solver, struct iterate *it, int central)
   const struct layout *at = &solver->at;
   memset(it->right, 0, sizeof(double) * (size_t)(at->rows + 1));
   for (int64_t i = 0; i < at->unknowns; i++) it->p[i] = -it->q[i];
-  solve_corrected(solver, it->p, it->right, it->dx, it->dz);
+  solve_corrected(solver, it->p, it->right, it->dx, it->dz, 1);
   if (!central) {
     memcpy(it->z, it->dz, sizeof(double) * (size_t)(at->rows + 1));
     into_cones(solver, it->z);
@@ -627,12 +586,15 @@ static void leave_centre(struct solver *solver, struct iterate *it, int central)
 }
 
 /* Solve for the load in `q`, from the centre that x, s, z and the factors are of, or until the most power is known to be
-   at most `enough`. Returns SOLVED or STUCK. */
-static int solve_program(struct solver *solver, struct iterate *it, int central, double enough, int64_t *steps) {
+   at most `enough`. Every step is corrected if `careful`, otherwise only after one that left more than rounding: that
+   takes less time, but near the end rounding of a single step may grow until no more is gained. Returns SOLVED or
+   STUCK. */
+static int solve_program(struct solver *solver, struct iterate *it, int central, int careful, double enough,
+                         int64_t *steps) {
   const struct layout *at = &solver->at;
   const double tolerance = solver->program->tolerance, size_q = largest_of(it->q, at->unknowns);
   leave_centre(solver, it, central);
-  for (*steps = 0; *steps < MOST_STEPS; ++*steps) {
+  for (int number = 0; number < MOST_STEPS; number++, ++*steps) {
     measure(solver, it);
     const double value = dot(it->q, it->x, at->unknowns), apart = fabs(value + it->z[at->rows]);
     if (!isfinite(it->mu)) return STUCK;
@@ -648,7 +610,8 @@ static int solve_program(struct solver *solver, struct iterate *it, int central,
     after /= it->mu * (double)(at->cones + !solver->program->equal);
     const double left = fmin(1.0, fmax(after * after * after, 0.0));
     aim_at(solver, it, left * it->mu, 1);
-    direction(solver, it, 1.0 - left, fmax(it->primal, it->dual) > ROUNDED * (1.0 + size_q));
+    const int rounded = fmax(it->primal, it->dual) <= ROUNDED * (1.0 + size_q);
+    direction(solver, it, 1.0 - left, careful ? CAREFUL_ROUNDS : !rounded);
     const double slacks = longest(solver, it->s, it->ds), multipliers = longest(solver, it->z, it->dz);
     if (!(fmin(slacks, multipliers) > 1e-10)) return STUCK;
     step(solver, it, fmin(1.0, SHORT * slacks), fmin(1.0, SHORT * multipliers));
@@ -661,7 +624,8 @@ static double *prepare(const struct cone_program *program, struct solver *solver
                        int64_t *kept) {
   const struct layout *at = &solver->at;
   const int64_t x = at->unknowns, z = at->rows + 1, body_room = bodies_room(&program->bodies, 1);
-  const int64_t scalings = (int64_t)(sizeof(struct scaling) / sizeof(double)) * at->cones;
+  const int64_t eights = at->single_eights + at->wide_eights;
+  const int64_t scalings = (int64_t)(sizeof(struct scaling) / sizeof(double)) * eights + WIDTH;
   const int64_t scaled = at->most_rows * in_vectors(SIDE + at->most_locals);
   *kept = body_room + at->squares + BEYOND + scalings + 2 * x + 3 * z;
   const int64_t total = *kept + scaled + 6 * x + 9 * z;
@@ -671,7 +635,8 @@ static double *prepare(const struct cone_program *program, struct solver *solver
   solver->matrix = bodies_laid_out(&program->bodies, 1, next, whole);
   next += body_room;
   TAKE(solver->squares, at->squares + BEYOND);
-  solver->scaling = (struct scaling *)next, next += scalings;
+  const uintptr_t vector = sizeof(row_of_block);
+  solver->scaling = (struct scaling *)(((uintptr_t)next + vector - 1) / vector * vector), next += scalings;
   TAKE(solver->pulled, x);
   TAKE(it->x, x);
   TAKE(it->s, z);
@@ -767,11 +732,14 @@ POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, con
   for (int64_t q = 0; q < loads; q++) {
     outcome[q] = STUCK;
     if (made->central < 0) continue;
-    memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
-    solver->shared_weight = made->weight;
-    solver->denominator = made->denominator;
-    for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
-    outcome[q] = solve_program(solver, it, made->central, enough[q], steps + q);
+    steps[q] = 0;
+    for (int careful = 0; careful < 2 && outcome[q] == STUCK; careful++) {
+      memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
+      solver->shared_weight = made->weight;
+      solver->denominator = made->denominator;
+      for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
+      outcome[q] = solve_program(solver, it, made->central, careful, enough[q], steps + q);
+    }
     value[q] = -dot(it->q, it->x, solver->at.unknowns);
     upper[q] = it->z[rows - 1];
     memcpy(motion + q * size, it->x, sizeof(double) * (size_t)size);

@@ -8,6 +8,7 @@
 
 #include "elastic.h"
 #include "fill.h"
+#include "lanes.h"
 
 static const double SPARE = 1e-9, LITTLE = 1e-4, MOST_DAMPING = 10.0, FORGOTTEN = 1e-7,
                     NEARLY = 1e4, GAINS = 0.7, GOOD = 0.5, SHORT = 0.2, NEAR = 1e5, LEAP = 100.0;
@@ -109,18 +110,6 @@ POISE_WIDE static void spring_motions(const struct lanes *lanes, const double *u
       out[row + 2] = v[2] + (arms[0] * w[0] - arms[2] * w[1]);
     }
   }
-}
-
-/* A number for each lane, all bits of which are set where something holds. */
-typedef int64_t lanes_where __attribute__((vector_size(WIDTH * sizeof(int64_t))));
-
-#define CHOOSE(where, a, b) ((row_of_block)(((where) & (lanes_where)(a)) | (~(where) & (lanes_where)(b))))
-
-static POISE_INLINE void take_roots(row_of_block *row) {
-  double lanes[WIDTH];
-  memcpy(lanes, row, sizeof lanes);
-  for (int l = 0; l < WIDTH; l++) lanes[l] = sqrt(lanes[l]);
-  memcpy(row, lanes, sizeof lanes);
 }
 
 /* Forces (3) of eight springs; friction is limited by `bounds`, or by Coulomb's law where those are NULL. */

@@ -336,18 +336,34 @@ static int stands_stuck(struct following *f, double best, const double *unlimite
   return stands_near(f, SLIDING_STEPS);
 }
 
+/* The first step of `go_on`: where no next point was found, whether the block stands under all that is asked, which is
+   little more than at the best point. That state then ends the path. */
+static int stands_at_last(struct following *f) {
+  const struct path *path = f->path;
+  const int64_t best = best_of(path);
+  if ((1.0 + 2.0 * path->tolerance) * path->factors[best] < path->above) return 0;
+  for (int64_t i = 0; i < f->size; i++) f->total[i] = path->gravity[i] + path->above * path->push[i];
+  memcpy(f->here, point_at(f, best), sizeof(double) * (size_t)f->size);
+  elastic_begin(f->made, NULL);
+  if (!stands_near(f, SLIDING_STEPS)) return 0;
+  insert(f, path->count, f->here, &(struct point){.factor = path->above, .held = 1});
+  leave(f, f->here, 1);
+  return 1;
+}
+
 /* One push, `path->push`: its factor, the state there and one earlier, and the motion in which it collapses. */
 static int64_t factor_of(struct following *f, const struct factors *all, const double *unlimited, int64_t number) {
   const struct path *path = f->path;
   const size_t size = sizeof(double) * (size_t)f->size;
   elastic_begin(f->made, NULL);
   if (follow(f)) return UNDECIDED;
+  const int late = f->until < INFINITY && elastic_clock() >= f->until;
+  const int over = path->ended || (!late && path->count > 1 && stands_at_last(f));
   const int64_t best = best_of(path);
   const double factor = path->factors[best];
   all->factors[number] = factor;
-  const int late = f->until < INFINITY && elastic_clock() >= f->until;
-  if (!path->ended && late) return LATE;
-  if (!path->ended || path->count == 1) return UNDECIDED;
+  if (!over && late) return LATE;
+  if (!over || path->count == 1) return UNDECIDED;
   if (!late && stands_stuck(f, factor, unlimited)) return UNDECIDED;
   int64_t near = path->count - 1;
   while (near > 0 && path->factors[near] > EARLIER * factor) near--;

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from benchmarks.growth import wall
-from poise.assembly import Analysis
+from poise.assembly import Analysis, Push
 from poise.assembly.robustness.elastic_limits import inertial_loads
-from poise.assembly.statics import pair_program
+from poise.assembly.statics import BlockAnalysis, loads_of, pair_program
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE, CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elimination import Elimination
@@ -55,6 +55,40 @@ def test_loads_that_are_asked_together_are_answered_as_one_by_one(block) -> None
             assert np.array_equal(found.twist, alone.twist)
             assert (found.multipliers is None) == (alone.multipliers is None)
             assert found.multipliers is None or np.array_equal(found.multipliers, alone.multipliers)
+
+
+def pushed_table(pushes: list[Push]) -> tuple[BlockAnalysis, Array]:
+    """A slab on two legs, and the loads of pushes."""
+    block = max(Analysis.of(scenes.table()).blocks, key=lambda block: block.geometry.count)
+    return block, block.loads(loads_of(block.structure.assembly, pushes, 1e-3))[1]
+
+
+def test_programs_in_which_rounding_grows_are_solved_with_corrected_steps() -> None:
+    sides = [(y, z) for y in np.linspace(-0.47, 0.47, 9).tolist() for z in np.linspace(0.1, 0.9, 7).tolist()]
+    block, given = pushed_table([Push("left", (-1.0, y, z), (1, 0, 0)) for y, z in sides])
+    sizes = np.abs(given).max(axis=1)
+    found = block.solvers.limit.inverse_factors(given, np.zeros(len(given)))
+    program = block.solvers.limit._program
+    assert program.solve_all(given / sizes[:, None], np.zeros(len(given))).solved.mean() > 0.95
+    direct = [program.solve_directly(load / size) for load, size in zip(given, sizes, strict=True)]
+    np.testing.assert_allclose(found.value, sizes * [one.value for one in direct], rtol=1e-7)
+    np.testing.assert_allclose(found.upper, sizes * [one.upper for one in direct], rtol=1e-7)
+
+
+def test_pushes_just_short_of_collapse_are_held_as_each_alone() -> None:
+    """Where a path finds no next point close to what is asked, the kernel takes the step that Python takes."""
+    below = [(x, y) for x in (-0.72, -0.66, -0.6, 0.6, 0.66) for y in (-0.15, 0.1)]
+    block, given = pushed_table([Push("slab", (x, y, 1.0), (0, 0, 1)) for x, y in below])
+    coulomb = CoulombBlock(block.geometry, block.interfaces, block.solvers.order)
+    above = 0.98 / block.solvers.limit.inverse_factors(given, np.zeros(len(given))).value
+    short = 0
+    for load, most, one in zip(given, above.tolist(), coulomb.factors(given, above), strict=True):
+        path = coulomb._follow(load, most, NO_DEADLINE, FACTOR_TOLERANCE, look=True)
+        short += not path.ended and path.best.factor > 0.992 * most
+        alone = coulomb._followed(load, most, NO_DEADLINE, np.inf, FACTOR_TOLERANCE)
+        assert (one.value, one.known) == (alone.value, alone.known)
+        np.testing.assert_array_equal(one.displacement, alone.displacement)
+    assert short > 3
 
 
 @pytest.mark.parametrize("program", ["limit", "patch"])

@@ -44,7 +44,7 @@ def both_factors(block: BlockAnalysis, loads: Array) -> list[list[InverseLoadFac
     limits, patch = block.solvers.limit.each(loads), block.solvers.patch
     if patch is None:
         return [[limit] for limit in limits]
-    return [[limit, patch.inverse_factor(load, limit)] for load, limit in zip(loads, limits, strict=True)]
+    return [list(both) for both in zip(limits, patch.inverse_factors(loads, limits, np.zeros(len(loads))), strict=True)]
 
 
 def ask_block(

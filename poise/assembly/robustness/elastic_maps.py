@@ -7,7 +7,7 @@ import numpy as np
 from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness.block_answers import CHECKED_SHARE
 from poise.assembly.robustness.map_regions import Bounds, Pool, Programs, Region, bound_block
-from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor
+from poise.assembly.statics import BlockAnalysis, Deadline
 from poise.types import Array, Indices, Mask
 
 _FLAT_QUESTIONS, _CURVED_QUESTIONS = 10, 48
@@ -61,29 +61,39 @@ class _ElasticPool(Pool):
 
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
         values: list[float] = []
-        limits = self._limits(body, wrenches)
-        for wrench in wrenches:
+        may = wrenches[: max(0, self.deadline.left[0])] if isinstance(self.deadline, _Ration) else wrenches
+        for start in range(0, len(may), self.at_once):
             if self.deadline.passed:
                 break
-            values.append(self._inverse_factor(body, wrench, limits))
+            some = may[start : start + self.at_once]
+            loads = self.loads(body, some)
+            for wrench, load, limit in zip(some, loads, self._limits(body, some, loads).tolist(), strict=True):
+                if self.deadline.passed:
+                    break
+                values.append(self._inverse_factor(wrench, load, limit))
         return np.array(values)
 
-    def _limits(self, body: int, wrenches: Array) -> dict[bytes, InverseLoadFactor]:
-        """What limit analysis says of those wrenches that may be asked and of which the map does not know it."""
-        some = wrenches[: self.deadline.left[0]] if isinstance(self.deadline, _Ration) else wrenches
-        new = [wrench for wrench in some if (body, wrench.tobytes()) not in self.answers]
-        if not new or self.deadline.passed:
-            return {}
-        found = self.block.solvers.rough_limit.each(np.array([self.load(body, wrench) for wrench in new]))
-        return {wrench.tobytes(): limit for wrench, limit in zip(new, found, strict=True)}
+    def _limits(self, body: int, wrenches: Array, loads: Array) -> Array:
+        """(q,) inverse load factors of wrenches (q, 6), whose loads are (q, 6 n), by limit analysis and patches.
 
-    def _inverse_factor(self, body: int, wrench: Array, limits: dict[bytes, InverseLoadFactor]) -> float:
-        """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
+        As for single pushes: with the centres of pressure where they are at collapse, not at rest as in the map before.
+        """
+        known = [self.answers.get((body, wrench.tobytes())) for wrench in wrenches]
+        new = self.programs(loads[[one is None for one in known]])
+        self.bounds.solves += len(new)
+        fresh = iter(new)
+        found = [next(fresh) if one is None else one for one in known]
+        limits, patch = [one.limit for one in found], self.block.solvers.patch
+        uppers = np.array([limit.upper for limit in limits])
+        if patch is None:
+            return uppers
+        patches = patch.inverse_factors(loads, limits, uppers, [one.resting for one in found])
+        return np.asarray(np.maximum(uppers, [one.upper for one in patches]))
+
+    def _inverse_factor(self, wrench: Array, load: Array, limit: float) -> float:
+        """Inverse load factor of a wrench (6,), whose load is (6 n,): of elastic contacts, but at least `limit`."""
         if isinstance(self.deadline, _Ration):
             self.deadline.left[0] -= 1
-        load = self.load(body, wrench)
-        # As single pushes: with the centres of pressure where they are at collapse, not at rest as in the map before.
-        limit = max(factor.upper for factor in self._programs(body, wrench, load, limits))
         if not np.isfinite(limit):
             return limit
         above = CHECKED_SHARE / max(limit, self._floor)
@@ -98,19 +108,6 @@ class _ElasticPool(Pool):
         if not found.known:
             self._unknown.append(wrench)
         return max(limit, 1 / found.value) if found.value > 0 else np.inf
-
-    def _programs(
-        self, body: int, wrench: Array, load: Array, limits: dict[bytes, InverseLoadFactor]
-    ) -> list[InverseLoadFactor]:
-        """As `both_factors`, with what the map has asked before."""
-        solvers, known = self.block.solvers, self.answers.get((body, wrench.tobytes()))
-        self.bounds.solves += known is None
-        limit = known.limit if known is not None else limits.get(wrench.tobytes())
-        limit = solvers.rough_limit.inverse_factor(load) if limit is None else limit
-        resting = None if known is None else known.resting
-        if solvers.patch is None or (known is not None and resting is None):  # patches can have its friction
-            return [limit]
-        return [limit, solvers.patch.inverse_factor(load, limit, limit.upper, resting)]
 
     def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:
         """None: the map has its mechanisms already."""

@@ -1,6 +1,6 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +20,7 @@ _ROUND = 96
 _MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
 ROW_CHUNK = 20_000
-_AT_ONCE = 64
+_AT_ONCE = 200
 """Bodies of the loads that a block is asked about between two looks at the deadline: some milliseconds."""
 
 
@@ -104,44 +104,47 @@ class Pool:
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
         """(k <= n,) inverse load factors of wrenches (n, 6) on a body of the block, as far as there is time."""
         values: list[float] = []
-        step = max(1, _AT_ONCE // self.block.geometry.count)
-        for start in range(0, len(wrenches), step):
+        for start in range(0, len(wrenches), self.at_once):
             if self.deadline.passed:
                 break
-            values += self._asked(body, wrenches[start : start + step])
+            values += self._asked(body, wrenches[start : start + self.at_once])
         return np.array(values)
+
+    @property
+    def at_once(self) -> int:
+        """Loads that the block is asked about between two looks at the deadline."""
+        return max(1, _AT_ONCE // self.block.geometry.count)
 
     def _asked(self, body: int, wrenches: Array) -> list[float]:
         """(n,) inverse load factors of wrenches (n, 6) on a body of the block; their mechanisms join the pool."""
-        loads = np.array([self.load(body, wrench) for wrench in wrenches])
-        limits: Sequence[InverseLoadFactor | None] = [None] * len(loads)
-        if self.with_limit or self.block.solvers.patch is None:
-            limits = self.block.solvers.rough_limit.each(loads)
-        rows = zip(wrenches, loads, limits, strict=True)
-        return [self._weaker(body, wrench, load, limit) for wrench, load, limit in rows]
+        loads, patch = self.loads(body, wrenches), self.block.solvers.patch
+        if patch is not None and not self.with_limit:
+            alone = patch.resting.each(loads)
+            for resting in alone:
+                self._keep(resting.twist)
+            return [resting.upper for resting in alone]
+        found = self.programs(loads)
+        for wrench, one in zip(wrenches, found, strict=True):
+            self.answers[body, wrench.tobytes()] = one
+            self._keep(one.limit.twist)
+            if one.resting is not None:
+                self._keep(one.resting.twist)
+        return [one.limit.upper if one.resting is None else max(one.limit.upper, one.resting.upper) for one in found]
 
-    def _weaker(self, body: int, wrench: Array, load: Array, limit: InverseLoadFactor | None) -> float:
-        """Inverse load factor of one load (6 n,) by limit analysis, whose answer is given, and by patches."""
-        patch, value = self.block.solvers.patch if self.with_patch else None, 0.0
-        if limit is not None:
-            self._keep(limit.twist)
-            self.answers[body, wrench.tobytes()] = Programs(limit)
-            value = limit.upper
-            if limit.multipliers is not None and patch is not None and patch.allows(limit.multipliers[None])[0]:
-                return value
+    def programs(self, loads: Array) -> list[Programs]:
+        """What limit analysis, and patches where these are asked, say of loads (q, 6 n)."""
+        limits = self.block.solvers.rough_limit.each(loads)
+        patch = self.block.solvers.patch if self.with_patch else None
         if patch is None:
-            return value
-        resting = patch.resting.inverse_factor(load, value)
-        self._keep(resting.twist)
-        if limit is not None:
-            self.answers[body, wrench.tobytes()] = Programs(limit, resting)
-        return max(value, resting.upper)
+            return [Programs(limit) for limit in limits]
+        resting = patch.at_rest(loads, limits, np.array([limit.upper for limit in limits]))
+        return [Programs(*both) for both in zip(limits, resting, strict=True)]
 
-    def load(self, body: int, wrench: Array) -> Array:
-        """(6 n,) a wrench (6,) on one body alone."""
-        load = np.zeros(6 * self.block.geometry.count)
-        load[6 * body : 6 * body + 6] = wrench
-        return load
+    def loads(self, body: int, wrenches: Array) -> Array:
+        """(q, 6 n) wrenches (q, 6), each on one body alone."""
+        loads = np.zeros((len(wrenches), 6 * self.block.geometry.count))
+        loads[:, 6 * body : 6 * body + 6] = wrenches
+        return loads
 
     def begin(self, flat: bool, region: "Region") -> None:
         """Called before a flat or curved region is bounded."""

@@ -88,52 +88,56 @@ class PatchProgram:
         """Whether friction spread like this holds the block at rest at all."""
         return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
-    def inverse_factor(
-        self,
-        load: Array,
-        limit: InverseLoadFactor,
-        enough: float = 0.0,
-        resting: InverseLoadFactor | None = None,
-    ) -> InverseLoadFactor:
-        """Inverse load factor of a load (6 n,) with the centres of pressure where they are at collapse.
+    def at_rest(
+        self, loads: Array, limits: Sequence[InverseLoadFactor], enough: Array
+    ) -> list[InverseLoadFactor | None]:
+        """Inverse load factors of loads (Q, 6 n) with the centres of pressure as they are at rest.
 
         Args:
-            load: in the block's units.
-            limit: what limit analysis (of the same corners) says. It is returned when its forces are friction that
-                patches can have; where it is weaker anyway, the centres stay as they are at rest; otherwise its
-                normal forces are the first guess of where they move.
-            enough: inverse load factors of at most this need no close bounds.
-            resting: that with the centres as they are at rest, where it is known.
+            loads: in the block's units.
+            limits: what limit analysis (of the same corners) says. None is answered where its forces are friction
+                that patches can have, which therefore hold as much.
+            enough: (Q,) inverse load factors of at most this need no close bounds.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        if limit.multipliers is not None and self.allows(limit.multipliers[None])[0]:
-            return limit
-        return self._moved(load, limit, enough, resting or self.resting.inverse_factor(load, enough))
-
-    def inverse_factors(
-        self, loads: Array, limits: Sequence[InverseLoadFactor], enough: Array
-    ) -> list[InverseLoadFactor]:
-        """The same of loads (Q, 6 n), with what is `enough` (Q,).
-
-        Raises:
-            NoAnswerError: SOLVER_FAILED.
-        """
-        found = list(limits)
+        found: list[InverseLoadFactor | None] = [None] * len(loads)
         known = [row for row, limit in enumerate(limits) if limit.multipliers is not None]
         allowed = np.zeros(len(loads), dtype=bool)
         if known:
             allowed[known] = self.allows(np.array([limits[row].multipliers for row in known]))
         asked = np.flatnonzero(~allowed)
         for row, resting in zip(asked.tolist(), self.resting.each(loads[asked], enough[asked]), strict=True):
-            found[row] = self._moved(loads[row], limits[row], float(enough[row]), resting)
+            found[row] = resting
         return found
+
+    def inverse_factors(
+        self,
+        loads: Array,
+        limits: Sequence[InverseLoadFactor],
+        enough: Array,
+        resting: Sequence[InverseLoadFactor | None] | None = None,
+    ) -> list[InverseLoadFactor]:
+        """Inverse load factors of loads (Q, 6 n) with the centres of pressure where they are at collapse.
+
+        Args:
+            loads, limits, enough: as `at_rest` takes them. The limit is returned where patches hold as much; where
+                it is weaker anyway, the centres stay as they are at rest; otherwise its normal forces are the first
+                guess of where they move.
+            resting: what `at_rest` says, where it is known.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        known = self.at_rest(loads, limits, enough) if resting is None else resting
+        rows = zip(loads, limits, enough.tolist(), known, strict=True)
+        return [limit if one is None else self._moved(load, limit, least, one) for load, limit, least, one in rows]
 
     def _moved(
         self, load: Array, limit: InverseLoadFactor, enough: float, resting: InverseLoadFactor
     ) -> InverseLoadFactor:
-        """See `inverse_factor`, where patches cannot have the friction of the limit's forces."""
+        """See `inverse_factors`, where patches cannot have the friction of the limit's forces."""
         inverse, centres = resting, self._centres
         if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
             return inverse
