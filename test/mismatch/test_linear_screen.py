@@ -9,7 +9,7 @@ import yaml
 from benchmarks.model_export import ROBOTS, nominal_mjcf, plant, recording, stated_payload
 from poise.mismatch.effects import all_effects
 from poise.mismatch.inference import effort_problem
-from poise.mismatch.inference.linear_screen import screened
+from poise.mismatch.inference.linear_screen import _repeated, screened
 from poise.mismatch.reading import load_model, on_efforts, read_recording
 from poise.recording import open_recording, write_recording
 from poise.robot import RobotModel, find_urdf, read_urdf
@@ -37,3 +37,16 @@ def test_what_is_planted_in_mujoco_is_selected(seed: int, expected: set[str], tm
     library = [each for each in effects if each.signal == "effort" and not each.untestable(problem.recorded)]
     found = screened(problem, library)
     assert {part.effect.name for part in found if not part.effect.free_course} == expected
+
+
+@pytest.mark.parametrize(
+    ("falls", "repeated"),
+    [
+        ([0.3, 0.2, 0.1, 0.2, -0.1, -0.1], True),  # in four of six blocks
+        ([0.4, 0.3, 0.3, -0.002, -0.003, -0.001], True),  # knocks in three blocks, and none in the others
+        ([0.4, 0.3, 0.3, -0.1, -0.1, -0.1], False),  # it raises the error of the others
+        ([0.6, 0.4, -0.001, -0.001, -0.001, -0.001], False),  # two blocks repeat too little
+    ],
+)
+def test_an_effect_acts_again_in_most_blocks_or_rests(falls: list[float], repeated: bool) -> None:
+    assert _repeated(np.array(falls)[:, None] * [1.0, 0.5]) is repeated

@@ -203,7 +203,8 @@ def _repeated(falls: Array) -> bool:
     """Whether errors that fall by (B, J) do so in most blocks; knocks of a gear are rare: some blocks have none."""
     falls = falls.mean(axis=1)
     fell, idle = falls > 0.0, np.abs(falls) < _IDLE * falls.mean()
-    return fell.sum() >= _IN_BLOCKS or bool((fell & ~idle).sum() >= _ACTIVE and (fell | idle).sum() >= _IN_BLOCKS)
+    rare = (fell & ~idle).sum() >= _ACTIVE and (fell | idle).sum() >= _IN_BLOCKS
+    return bool(rare or fell.sum() >= _IN_BLOCKS)
 
 
 def _pruned(sums: BlockSums, chosen: list[int]) -> list[int]:
