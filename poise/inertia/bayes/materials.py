@@ -1,0 +1,156 @@
+"""Of which materials the parts of a scanned object may be, and the body that they and the samples make most probable.
+
+At rest, samples show the mass and the centre of mass: four numbers with noise, which several densities would follow.
+The densities of made things are not any numbers: they are those of a few kinds of material, or of something else.
+"""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
+from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
+from poise.types import Array, Indices
+
+_KINDS = np.array([(1000.0, 0.3, 0.35), (2700.0, 0.06, 0.1), (7900.0, 0.07, 0.25), (2000.0, 1.3, 0.3)])
+"""kg/m3, spread of its logarithm, probability: wood, plastics and rubber; aluminium; steel and brass; anything else,
+such as hollow, ceramic or composed parts."""
+
+_ONE_KIND = 0.5
+"""Probability that groups of parts that differ in colour are of one material."""
+
+_LIKENESS, _OWN = 0.1, 0.02
+"""Probabilities beside those above of densities as alike as the likeness says, and of one of its own for each part:
+parts may be cut or painted so that one colour has two materials."""
+
+_CUT = 0.03
+"""Relative error of the volume of a part that is the whole; that of a smaller one grows with the root of its share."""
+
+_VOLUME = 4.3
+"""Relative error of the volume over the accuracy of lengths of a solid from a cloud (`cloud_accuracy`)."""
+
+_MOST_GROUPS = 4
+"""More groups have too many combinations."""
+
+_SAME_GROUP = 0.5
+"""Likeness from which on two parts are expected to have one density."""
+
+_UNLIKELY = 12.0
+"""Combinations whose mass alone is less probable by this, in nats, are left out."""
+
+_ROUNDS, _SETTLED, _LONGEST, _SHORTENING = 12, 0.01, 0.8, 0.25
+"""Of Gauss-Newton: rounds, gain of the last one, largest change of a state, and what a step for the worse is cut by."""
+
+Linearised = Callable[[Array], tuple[Array, Array]]
+"""(H, 10) phi and (H, 10, n) its derivative at states (H, n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Materials:
+    """C combinations of materials, as normal priors of the log masses of a `MassModel`.
+
+    Args:
+        means: (C, K) logarithms of the masses that the whole would have with the density of each part.
+        covariances: (C, K, K).
+        log_probability: (C,).
+        starts: (C, K) log masses near which the most probable ones are.
+    """
+
+    means: Array
+    covariances: Array
+    log_probability: Array
+    starts: Array
+
+    @classmethod
+    def of(cls, model: MassModel, accuracy: float) -> "Materials | None":
+        """Of the parts of a solid from a cloud, whose thinnest lengths have a relative accuracy; None: nothing to say.
+
+        A single part has the same centre of mass and shape whatever it is made of.
+        """
+        alike = np.eye(model.n_parts) if model.likeness is None else model.likeness
+        group = _groups(alike)
+        if model.n_parts == 1 or group.max() >= _MOST_GROUPS:
+            return None
+        several = 1 - _ONE_KIND if group.any() else 0.0
+        cases = [*_of_groups(group, several), *_of_groups(np.zeros_like(group), 1 - several)]
+        density, spread, _ = _KINDS[-1]
+        for own, chance in ((alike, _LIKENESS), (np.eye(model.n_parts), _OWN)):
+            cases.append((np.full(model.n_parts, density), spread**2 + own, chance))
+        volume = (_VOLUME * accuracy) ** 2 + np.diag(_CUT**2 / model.shares)
+        known = [(np.log(mean * model.volume), own + volume, np.log(chance)) for mean, own, chance in cases if chance]
+        means, covariances, chances = (np.array(column) for column in zip(*known, strict=True))
+        return cls(means, covariances, chances, means)
+
+    def likely(self, shares: Array, mass: float) -> "Materials":
+        """Those that a mass, kg, does not exclude, for parts with these shares (K,) of the volume."""
+        masses = shares * np.exp(self.means)
+        off = np.log(mass / masses.sum(axis=1))
+        weights = masses / masses.sum(axis=1, keepdims=True)
+        variance = np.einsum("ck,ckl,cl->c", weights, self.covariances, weights)
+        log = self.log_probability - (off**2 / variance + np.log(variance)) / 2
+        kept = log > log.max() - _UNLIKELY
+        starts = self.means + off[:, None]
+        return Materials(self.means[kept], self.covariances[kept], self.log_probability[kept], starts[kept])
+
+    def bodies(self, linearised: Linearised, samples: tuple[Array, Array], variances: Array) -> tuple[Array, Array]:
+        """(C, 10) phi of the body that each combination and the samples make most probable, and (C,) its probability.
+
+        Args:
+            linearised: phi at states, which are log masses, then deformations.
+            samples: (10, 10) information and (10,) vector of phi, the bias integrated out.
+            variances: (9,) of the deformations.
+        """
+        (count, n_parts), (information, vector) = self.means.shape, samples
+        mean = np.concatenate([self.means, np.zeros((count, N_DEFORMATIONS))], axis=1)
+        root = np.zeros((count, mean.shape[1], mean.shape[1]))
+        root[:, :n_parts, :n_parts] = np.linalg.cholesky(self.covariances)
+        root[:, range(n_parts, mean.shape[1]), range(n_parts, mean.shape[1])] = np.sqrt(variances)
+        states, best = mean.copy(), np.full(count, -np.inf)
+        states[:, :n_parts] = self.starts
+        step, length = np.zeros_like(mean), np.ones(count)
+        for _ in range(_ROUNDS):
+            trial = states + length[:, None] * step
+            phi, jacobian = linearised(trial)
+            away = solve(root, (trial - mean)[..., None])[..., 0]
+            log = phi @ vector - (np.sum(phi * (phi @ information), axis=1) + np.sum(away**2, axis=1)) / 2
+            better = log >= best
+            gain = np.abs(log - best)
+            states[better], best[better] = trial[better], log[better]
+            length = np.where(better, 1.0, _SHORTENING * length)
+            step[better] = _gauss_newton(phi, jacobian, root, mean - trial, information, vector)[better]
+            if gain.max() < _SETTLED:
+                break
+        phi, jacobian = linearised(states)
+        system, scale = seen_through(jacobian @ root, information)
+        determinants = np.linalg.slogdet(system)[1] + 2 * np.log(scale).sum(axis=1)
+        return phi, normalised(self.log_probability + best - determinants / 2)
+
+
+def _gauss_newton(phi: Array, jacobian: Array, root: Array, offset: Array, information: Array, vector: Array) -> Array:
+    """(C, n) changes of the states, at most `_LONGEST`; offset (C, n) leads from them to the mean of the prior."""
+    seen = jacobian @ root
+    gradient = vector - (phi + apply(jacobian, offset)) @ information
+    system, scale = seen_through(seen, information)
+    pull = apply(seen.swapaxes(1, 2), gradient) / scale
+    step = offset + apply(root, solve(system, pull[..., None])[..., 0] / scale)
+    return np.asarray(step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / _LONGEST, 1.0))
+
+
+def _of_groups(group: Indices, chance: float) -> list[tuple[Array, Array, float]]:
+    """(K,) densities, (K, K) covariance of their logarithms, probability: of each choice of a kind for each group."""
+    same = group[:, None] == group
+    made = []
+    for choice in itertools.product(_KINDS, repeat=int(group.max()) + 1):
+        density, spread, share = np.array(choice).T
+        made.append((density[group], same * spread[group] ** 2, chance * float(share.prod())))
+    return made
+
+
+def _groups(alike: Array) -> Indices:
+    """(K,) group of each part, numbered from 0: that of the first part it is like, or a new one."""
+    group = np.arange(len(alike))
+    for part in range(len(alike)):
+        group[part] = group[np.argmax(alike[part, : part + 1] > _SAME_GROUP)]
+    return np.unique(group, return_inverse=True)[1]
