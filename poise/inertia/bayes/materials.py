@@ -4,7 +4,6 @@ At rest, samples show the mass and the centre of mass: four numbers with noise, 
 The densities of made things are not any numbers: they are those of a few kinds of material, or of something else.
 """
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,9 +13,14 @@ from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
 from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
 from poise.types import Array, Indices
 
-_KINDS = np.array([(1000.0, 0.3, 0.35), (2700.0, 0.06, 0.1), (7900.0, 0.07, 0.25), (2000.0, 1.3, 0.3)])
+_KINDS = np.array(
+    [(1000.0, 0.3, 0.35), (2700.0, 0.06, 0.1), (7900.0, 0.07, 0.25), (2000.0, 1.3, 0.25), (20.0, 1.0, 0.05)]
+)
 """kg/m3, spread of its logarithm, probability: wood, plastics and rubber; aluminium; steel and brass; anything else,
-such as hollow, ceramic or composed parts."""
+such as hollow, ceramic or composed parts; and nearly nothing, as foam, or what may be hollow of a scan."""
+
+_ELSE = 3
+"""The row of anything else."""
 
 _ONE_KIND = 0.5
 """Probability that groups of parts that differ in colour are of one material."""
@@ -43,7 +47,7 @@ _UNLIKELY = 12.0
 _ROUNDS, _SETTLED, _LONGEST, _SHORTENING = 12, 0.01, 0.8, 0.25
 """Of Gauss-Newton: rounds, gain of the last one, largest change of a state, and what a step for the worse is cut by."""
 
-Linearised = Callable[[Array], tuple[Array, Array]]
+Bodies = Callable[[Array], tuple[Array, Array]]
 """(H, 10) phi and (H, 10, n) its derivative at states (H, n)."""
 
 
@@ -67,21 +71,24 @@ class Materials:
     def of(cls, model: MassModel, accuracy: float) -> "Materials | None":
         """Of the parts of a solid from a cloud, whose thinnest lengths have a relative accuracy; None: nothing to say.
 
-        A single part has the same centre of mass and shape whatever it is made of.
+        A single part has the same centre of mass and shape of any material.
         """
         alike = np.eye(model.n_parts) if model.likeness is None else model.likeness
         group = _groups(alike)
         if model.n_parts == 1 or group.max() >= _MOST_GROUPS:
             return None
         several = 1 - _ONE_KIND if group.any() else 0.0
-        cases = [*_of_groups(group, several), *_of_groups(np.zeros_like(group), 1 - several)]
-        density, spread, _ = _KINDS[-1]
-        for own, chance in ((alike, _LIKENESS), (np.eye(model.n_parts), _OWN)):
-            cases.append((np.full(model.n_parts, density), spread**2 + own, chance))
+        density, spread, _ = _KINDS[_ELSE]
+        anything = np.full((2, len(group)), density), spread**2 + np.stack([alike, np.eye(len(group))])
+        cases = [
+            *([_of_groups(group, several)] if several else []),
+            _of_groups(np.zeros_like(group), 1 - several),
+            (*anything, np.array([_LIKENESS, _OWN])),
+        ]
+        densities, covariances, chances = (np.concatenate(column) for column in zip(*cases, strict=True))
         volume = (_VOLUME * accuracy) ** 2 + np.diag(_CUT**2 / model.shares)
-        known = [(np.log(mean * model.volume), own + volume, np.log(chance)) for mean, own, chance in cases if chance]
-        means, covariances, chances = (np.array(column) for column in zip(*known, strict=True))
-        return cls(means, covariances, chances, means)
+        means = np.log(densities * model.volume)
+        return cls(means, covariances + volume, np.log(chances), means)
 
     def likely(self, shares: Array, mass: float) -> "Materials":
         """Those that a mass, kg, does not exclude, for parts with these shares (K,) of the volume."""
@@ -94,7 +101,7 @@ class Materials:
         starts = self.means + off[:, None]
         return Materials(self.means[kept], self.covariances[kept], self.log_probability[kept], starts[kept])
 
-    def bodies(self, linearised: Linearised, samples: tuple[Array, Array], variances: Array) -> tuple[Array, Array]:
+    def bodies(self, linearised: Bodies, samples: tuple[Array, Array], variances: Array) -> tuple[Array, Array]:
         """(C, 10) phi of the body that each combination and the samples make most probable, and (C,) its probability.
 
         Args:
@@ -138,14 +145,13 @@ def _gauss_newton(phi: Array, jacobian: Array, root: Array, offset: Array, infor
     return np.asarray(step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / _LONGEST, 1.0))
 
 
-def _of_groups(group: Indices, chance: float) -> list[tuple[Array, Array, float]]:
-    """(K,) densities, (K, K) covariance of their logarithms, probability: of each choice of a kind for each group."""
-    same = group[:, None] == group
-    made = []
-    for choice in itertools.product(_KINDS, repeat=int(group.max()) + 1):
-        density, spread, share = np.array(choice).T
-        made.append((density[group], same * spread[group] ** 2, chance * float(share.prod())))
-    return made
+def _of_groups(group: Indices, chance: float) -> tuple[Array, Array, Array]:
+    """(C, K) densities, (C, K, K) covariances of their logarithms, (C,) probabilities: any kind for each group."""
+    count = int(group.max()) + 1
+    choices = np.indices((len(_KINDS),) * count).reshape(count, -1).T
+    density, spread, share = np.moveaxis(_KINDS[choices], 2, 0)
+    covariances = (group[:, None] == group) * spread[:, group, None] ** 2
+    return density[:, group], covariances, chance * share.prod(axis=1)
 
 
 def _groups(alike: Array) -> Indices:
