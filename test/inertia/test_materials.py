@@ -10,13 +10,14 @@ from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
 from poise.inertia.bayes.hypotheses import hypotheses_for_shape
 from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
 from poise.inertia.bayes.materials import Materials
+from poise.inertia.bayes.small_systems import normalised
 from poise.inertia.model import NoiseLevels
 from poise.inertia.model.parameters import InertialParameters
 from poise.inertia.model.parts import Parts, box_moments
 
 SCANNED, FROM_CAD = 0.012, 0.0007
 STEEL, WOOD = 7850.0, 700.0
-NOISY = NoiseLevels(force=0.1, torque=0.01)
+NOISY, FAIR = NoiseLevels(force=0.1, torque=0.01), NoiseLevels(force=0.03, torque=0.003)
 
 
 def hammer(count: int = 3) -> Parts:
@@ -61,16 +62,17 @@ def test_the_mean_is_that_of_bodies_drawn_from_the_prior_and_weighted_by_the_sam
     spread = truth[0] * np.array([0.05, 0.1, 0.1, 0.1])
     information = np.diag(np.append(1 / spread**2, np.zeros(6)))
     likely = prior.likely(model.shares, float(truth[0]))
-    phi, chances = likely.bodies(model.evaluate, (information, information @ truth), variances)
+    assert likely is not None
+    phi, log = likely.bodies(model.evaluate, (information, information @ truth), variances)
 
     cases = rng.choice(len(prior.means), 100_000, p=np.exp(prior.log_probability) / np.exp(prior.log_probability).sum())
     roots = np.linalg.cholesky(prior.covariances)[cases]
     drawn = prior.means[cases] + (roots @ rng.normal(size=(len(cases), 2, 1)))[..., 0]
     states = np.concatenate([drawn, np.sqrt(variances) * rng.normal(size=(len(cases), N_DEFORMATIONS))], axis=1)
     bodies = model.evaluate(states)[0]
-    log = -(((bodies - truth)[:, :4] / spread) ** 2).sum(axis=1) / 2
-    weights = np.exp(log - log.max())
+    weights = np.exp(-(((bodies - truth)[:, :4] / spread) ** 2).sum(axis=1) / 2)
     assert weights.sum() ** 2 / np.sum(weights**2) > 1000
+    chances = normalised(log)
     np.testing.assert_allclose(chances @ phi, weights @ bodies / weights.sum(), rtol=0, atol=0.02 * truth[0])
 
 
@@ -86,8 +88,8 @@ def test_noise_at_rest_is_followed_less_than_with_volumes_in_another_unit() -> N
         )
         for factor in (1.0, 1e9)
     }
-    assert errors[1.0].mean() < 0.75 * errors[1e9].mean()
-    assert errors[1e9].max() < 0.3
+    assert errors[1.0].mean() < 0.9 * errors[1e9].mean()
+    assert errors[1e9].max() < 0.03
 
 
 @pytest.mark.parametrize("densities", [[300.0, 15000.0, 50.0], [19300.0, 150.0, 4500.0], [WOOD, STEEL, 2700.0]])
@@ -113,13 +115,16 @@ def test_a_solid_that_is_too_light_for_anything_is_hollow() -> None:
     outer = box_moments(np.array([[0.0, 0.0, 0.1]]), np.array([[0.1, 0.07, 0.06]]))[0]
     inner = box_moments(np.array([[0.0, 0.0, 0.098]]), np.array([[0.096, 0.066, 0.056]]))[0]
     parts = Parts.from_moments([outer - inner, inner], [0, 1], np.zeros((1, 3)))
-    for factor, densities, least, most in (
-        (1.0, [1200.0, 1.0], 0.0, 0.06),
-        (1.0, [1200.0, 1200.0], 0.0, 0.02),
-        (1e9, [1200.0, 1.0], 0.1, 1.0),
+    hollow, full = [1200.0, 1.0], [1200.0, 1200.0]
+    for noise, factor, densities, least, most in (
+        (FAIR, 1.0, hollow, 0.0, 0.03),
+        (FAIR, 1e9, hollow, 0.03, 0.1),
+        (FAIR, 1.0, full, 0.0, 0.01),
+        (EXACT, 1.0, hollow, 0.0, 0.01),
     ):
-        found = solved(parts, densities, with_volumes(parts, factor), noise=EXACT)
-        assert least <= error_of(found, parts, densities) < most
+        given = with_volumes(parts, factor)
+        errors = [error_of(solved(parts, densities, given, seed, noise=noise), parts, densities) for seed in range(8)]
+        assert least <= np.mean(errors) < most
 
 
 def test_nothing_is_said_of_bodies_from_cad_of_one_part_and_of_many_colours() -> None:
@@ -132,5 +137,7 @@ def test_nothing_is_said_of_bodies_from_cad_of_one_part_and_of_many_colours() ->
     prior = Materials.of(model, SCANNED)
     assert prior is not None
     light = prior.likely(model.shares, 1000.0 * model.volume)
+    assert light is not None
     assert len(light.means) < len(prior.means)
+    assert prior.likely(model.shares, 1e-3 * model.volume) is None
     assert np.all(np.linalg.eigvalsh(prior.covariances) > 0)

@@ -146,15 +146,19 @@ class ModelAverage:
             normal: the samples, at the delay of the answer.
         """
         cases, mass = self.hypotheses, float(posterior.phi[0])
-        if cases.materials is None or mass <= 0:
+        likely = cases.materials.likely(self.model.shares, mass) if cases.materials and mass > 0 else None
+        if likely is None:
             return posterior
         weights, n_parts = posterior.weights, self.model.n_parts
         case = np.argmax(np.bincount(posterior.bias_cases, weights))
         reduced = self._reduced(normal)
         samples = reduced.information[case], reduced.vector[case]
-        stated = np.flatnonzero(cases.as_stated & ~cases.uneven)[0]
-        likely = cases.materials.likely(self.model.shares, mass)
-        phi, chances = likely.bodies(self._linearised, samples, cases.state_variances[stated, n_parts:])
+        found, log = [], []
+        for variances, chance in cases.of_answer:
+            phi, evidence = likely.bodies(self._linearised, samples, variances[n_parts:])
+            found.append(phi)
+            log.append(evidence + np.log(chance))
+        phi, chances = np.concatenate(found), normalised(np.concatenate(log))
         unknowns = np.concatenate([phi, reduced.bias(np.full(len(phi), case), phi)], axis=1)
         share = weights @ cases.as_stated[posterior.left]
         return posterior.moved(share * (self._to_sensor() @ (chances @ unknowns) - posterior.unknowns))

@@ -150,6 +150,15 @@ class Hypotheses:
         odds, for_answer = _UNEVEN.sum() / (1 - _UNEVEN.sum()), _ANSWER_UNEVEN / (1 - _ANSWER_UNEVEN)
         return log_weights + np.where(self.uneven[left], np.log(for_answer / odds), 0.0)
 
+    @property
+    def of_answer(self) -> list[tuple[Array, float]]:
+        """(K + 9,) variances and probability, of a shape as stated with even parts, and of one with layers."""
+        stated = np.flatnonzero(self.as_stated)
+        variances, even = self.state_variances[stated], ~self.uneven[stated]
+        if even.all():
+            return [(variances[0], 1.0)]
+        return [(variances[even][0], 1 - _ANSWER_UNEVEN), (variances[~even][-1], _ANSWER_UNEVEN)]
+
     def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
         """Weights (H,) of the cases `left` with the share of one density that may be several in `_BALANCE`."""
         row = np.full(len(self), -1)

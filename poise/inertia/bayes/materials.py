@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
-from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
+from poise.inertia.bayes.small_systems import apply, seen_through, solve
 from poise.types import Array, Indices
 
 _KINDS = np.array(
@@ -41,13 +41,19 @@ _MOST_GROUPS = 4
 _SAME_GROUP = 0.5
 """Likeness from which on two parts are expected to have one density."""
 
-_UNLIKELY = 12.0
+_EXCLUDED = 4.0
+"""Standard deviations of the mass from which on a solid is of nothing that exists: its unit may be wrong."""
+
+_UNLIKELY = 8.0
 """Combinations whose mass alone is less probable by this, in nats, are left out."""
 
-_ROUNDS, _SETTLED, _LONGEST, _SHORTENING = 12, 0.01, 0.8, 0.25
-"""Of Gauss-Newton: rounds, gain of the last one, largest change of a state, and what a step for the worse is cut by."""
+_ROUNDS, _SETTLED, _SHORTENING = 40, 0.01, 0.25
+"""Of Gauss-Newton: most rounds, gain of the last one, and what a step for the worse is cut by."""
 
-Bodies = Callable[[Array], tuple[Array, Array]]
+_LARGEST_FALL, _LARGEST_STEP = 0.8, 0.5
+"""Share of its mass that a part may lose in a round, and change of a deformation."""
+
+_Linearised = Callable[[Array], tuple[Array, Array]]
 """(H, 10) phi and (H, 10, n) its derivative at states (H, n)."""
 
 
@@ -90,19 +96,21 @@ class Materials:
         means = np.log(densities * model.volume)
         return cls(means, covariances + volume, np.log(chances), means)
 
-    def likely(self, shares: Array, mass: float) -> "Materials":
-        """Those that a mass, kg, does not exclude, for parts with these shares (K,) of the volume."""
+    def likely(self, shares: Array, mass: float) -> "Materials | None":
+        """Those that a mass, kg, does not exclude, for parts with these shares (K,) of the volume; None: all are."""
         masses = shares * np.exp(self.means)
         off = np.log(mass / masses.sum(axis=1))
         weights = masses / masses.sum(axis=1, keepdims=True)
         variance = np.einsum("ck,ckl,cl->c", weights, self.covariances, weights)
+        if np.min(off**2 / variance) > _EXCLUDED**2:
+            return None
         log = self.log_probability - (off**2 / variance + np.log(variance)) / 2
         kept = log > log.max() - _UNLIKELY
         starts = self.means + off[:, None]
         return Materials(self.means[kept], self.covariances[kept], self.log_probability[kept], starts[kept])
 
-    def bodies(self, linearised: Bodies, samples: tuple[Array, Array], variances: Array) -> tuple[Array, Array]:
-        """(C, 10) phi of the body that each combination and the samples make most probable, and (C,) its probability.
+    def bodies(self, linearised: _Linearised, samples: tuple[Array, Array], variances: Array) -> tuple[Array, Array]:
+        """(C, 10) phi of the body that each combination and the samples make most probable, and (C,) its log evidence.
 
         Args:
             linearised: phi at states, which are log masses, then deformations.
@@ -116,33 +124,45 @@ class Materials:
         root[:, range(n_parts, mean.shape[1]), range(n_parts, mean.shape[1])] = np.sqrt(variances)
         states, best = mean.copy(), np.full(count, -np.inf)
         states[:, :n_parts] = self.starts
-        step, length = np.zeros_like(mean), np.ones(count)
+        step, length, moving = np.zeros_like(mean), np.ones(count), np.arange(count)
         for _ in range(_ROUNDS):
-            trial = states + length[:, None] * step
+            trial = _moved(states[moving], length[moving, None] * step[moving], n_parts)
             phi, jacobian = linearised(trial)
-            away = solve(root, (trial - mean)[..., None])[..., 0]
+            away = solve(root[moving], (trial - mean[moving])[..., None])[..., 0]
             log = phi @ vector - (np.sum(phi * (phi @ information), axis=1) + np.sum(away**2, axis=1)) / 2
-            better = log >= best
-            gain = np.abs(log - best)
-            states[better], best[better] = trial[better], log[better]
-            length = np.where(better, 1.0, _SHORTENING * length)
-            step[better] = _gauss_newton(phi, jacobian, root, mean - trial, information, vector)[better]
-            if gain.max() < _SETTLED:
+            gain = log - best[moving]
+            better = gain >= 0
+            gained = moving[better]
+            length[moving] = np.where(better, 1.0, _SHORTENING * length[moving])
+            states[gained], best[gained] = trial[better], log[better]
+            offset = (mean[moving] - trial)[better]
+            step[gained] = _gauss_newton(phi[better], jacobian[better], root[gained], offset, samples)
+            moving = moving[np.abs(gain) > _SETTLED]
+            if not len(moving):
                 break
         phi, jacobian = linearised(states)
         system, scale = seen_through(jacobian @ root, information)
         determinants = np.linalg.slogdet(system)[1] + 2 * np.log(scale).sum(axis=1)
-        return phi, normalised(self.log_probability + best - determinants / 2)
+        return phi, np.asarray(self.log_probability + best - determinants / 2)
 
 
-def _gauss_newton(phi: Array, jacobian: Array, root: Array, offset: Array, information: Array, vector: Array) -> Array:
-    """(C, n) changes of the states, at most `_LONGEST`; offset (C, n) leads from them to the mean of the prior."""
+def _gauss_newton(phi: Array, jacobian: Array, root: Array, offset: Array, samples: tuple[Array, Array]) -> Array:
+    """(C, n) relative changes of masses and changes of deformations; offset (C, n) leads to the mean of the prior."""
+    information, vector = samples
     seen = jacobian @ root
     gradient = vector - (phi + apply(jacobian, offset)) @ information
     system, scale = seen_through(seen, information)
     pull = apply(seen.swapaxes(1, 2), gradient) / scale
-    step = offset + apply(root, solve(system, pull[..., None])[..., 0] / scale)
-    return np.asarray(step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / _LONGEST, 1.0))
+    return np.asarray(offset + apply(root, solve(system, pull[..., None])[..., 0] / scale))
+
+
+def _moved(states: Array, step: Array, n_parts: int) -> Array:
+    """States after their steps, which are shortened so that masses stay positive."""
+    fall = -step[:, :n_parts].min(axis=1) / _LARGEST_FALL
+    turn = np.abs(step[:, n_parts:]).max(axis=1) / _LARGEST_STEP
+    taken = step / np.maximum(1.0, np.maximum(fall, turn))[:, None]
+    taken[:, :n_parts] = np.log1p(taken[:, :n_parts])
+    return np.asarray(states + taken)
 
 
 def _of_groups(group: Indices, chance: float) -> tuple[Array, Array, Array]:
