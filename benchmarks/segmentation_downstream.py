@@ -1,13 +1,15 @@
 """What found parts are worth: e_I of stop-and-go with moderate noise, from true parts and from parts found in clouds.
 
 python -m benchmarks.segmentation_downstream [--seeds N] [--first-seed N] [--random N] [--first-object N] [--layered]
+    [--densities given|any|hollow]
 
 Scanned shapes are as `poise identify --object` reads them, and as accurate as it says. The true parts are once known as
 from CAD, and once only as accurately as a cloud shows lengths: that difference is what a cloud costs whatever is found.
 The last column has found parts on a solid whose volume, centroid and second moments are true: that difference is what
 the solid costs, the cuts between its parts left out. The last row is the share of the entries of the inertia that lie
 in the 95 % intervals of `poise`. With `--layered` the largest part of each random object has two layers, which no cloud
-shows and no model of parts describes.
+shows and no model of parts describes. With `--densities` random objects alone have other densities than those of
+`benchmarks.random_objects`: any for each colour, or a part of their own, as if they were hollow.
 """
 
 import argparse
@@ -54,6 +56,10 @@ HALF = 1.959964
 """Standard deviations: half the width of a 95 % interval."""
 LAYERS, LAYER_RATIO = (0.3, 0.7), (0.5, 2.0)
 """Share of the first layer, and log of the ratio of the densities, of which either may be the larger."""
+ANY, HOLLOW, HOLLOW_METAL = (300.0, 12_000.0), (0.25, 1.0), 0.3
+"""kg/m3 of materials that may be any; shares that are left of hollow ones, and the probability that one of metal is."""
+LIGHT = 2000.0
+"""kg/m3: what is lighter is no metal."""
 Solve = Callable[[IdentificationProblem, Parts, float], tuple[InertialParameters, Array | None]]
 """Parameters, and their covariance (10, 10) if the method has one."""
 Case = tuple[Subject, BenchmarkObject, Array]  # and (4, 4), the cloud's frame in the sensor's
@@ -191,10 +197,24 @@ def tools() -> list[Case]:
     return [(cloud, held[cloud.name], poses[cloud.name]) for cloud in load_clouds() if cloud.name in held]
 
 
-def random_objects(first: int, count: int, hidden: bool = False) -> list[Case]:
+def with_densities(composite: Composite, kind: str) -> Composite:
+    """The same of other materials; what was of one still is."""
+    rng = np.random.default_rng([91, *composite.name.encode()])
+    given, which = np.unique(composite.densities, return_inverse=True)
+    if kind == "any":
+        made = np.exp(rng.uniform(*np.log(ANY), len(given)))
+    else:
+        hollow = (given < LIGHT) | (rng.random(len(given)) < HOLLOW_METAL)
+        made = given * np.where(hollow, rng.uniform(*HOLLOW, len(given)), 1.0)
+    return replace(composite, densities=made[which])
+
+
+def random_objects(first: int, count: int, hidden: bool = False, densities: str = "given") -> list[Case]:
     pose = np.eye(4)
     pose[:3, 3] = GRIP
     made = [make_composite(seed, NOISE, INNER) for seed in range(first, first + count)]
+    if densities != "given":
+        made = [with_densities(one, densities) for one in made]
     held = [as_benchmark_object(one) for one in made]
     return [(one, layered(one, tool) if hidden else tool, pose) for one, tool in zip(made, held, strict=True)]
 
@@ -206,12 +226,13 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=24, help="how many random objects")
     parser.add_argument("--first-object", type=int, default=600, help="seed of the first of them; tuned on below 1000")
     parser.add_argument("--layered", action="store_true", help="random objects alone, with two layers in a part")
+    parser.add_argument("--densities", choices=("given", "any", "hollow"), default="given", help="of random objects")
     arguments = parser.parse_args()
     seeds = list(range(arguments.first_seed, arguments.first_seed + arguments.seeds))
-    if not arguments.layered:
+    if not arguments.layered and arguments.densities == "given":
         console.print(compare(tools(), seeds, "workshop tools"))
     if arguments.random:
-        cases = random_objects(arguments.first_object, arguments.random, arguments.layered)
+        cases = random_objects(arguments.first_object, arguments.random, arguments.layered, arguments.densities)
         console.print(compare(cases, seeds, "random objects, layered" if arguments.layered else "random objects"))
 
 

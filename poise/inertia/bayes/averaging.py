@@ -1,7 +1,7 @@
 """Every hypothesis solved on its own, and their answers averaged by how well they predict the samples."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -134,14 +134,40 @@ class ModelAverage:
         chances = normalised(self.hypotheses.for_answer(posterior.left, posterior.log_weights)) - posterior.weights
         if not chances.any():
             return posterior
-        case, variances = posterior.bias_cases, self.hypotheses.bias_variances
-        scaled = self._scaled(normal)
-        one = np.zeros(len(variances), dtype=np.int64)  # the same samples for each case of the bias
-        reduced = WithoutBias.of(NormalEquations(scaled.information[None][one], scaled.vector[None][one]), variances)
         phi = self.model.evaluate(posterior.states)[0] / self._scale
-        step = self._to_sensor() @ (chances @ np.concatenate([phi, reduced.bias(case, phi)], axis=1))
-        covariance = posterior.covariance + np.outer(step, step)
-        return replace(posterior, unknowns=posterior.unknowns + step, covariance=covariance)
+        bias = self._reduced(normal).bias(posterior.bias_cases, phi)
+        return posterior.moved(self._to_sensor() @ (chances @ np.concatenate([phi, bias], axis=1)))
+
+    def with_materials(self, posterior: Posterior, normal: NormalEquations) -> Posterior:
+        """The answer with densities of materials where the shape is as stated, with its mean square error as before.
+
+        Args:
+            posterior: the answer with densities of any size.
+            normal: the samples, at the delay of the answer.
+        """
+        cases, mass = self.hypotheses, float(posterior.phi[0])
+        likely = cases.materials.likely(self.model.shares, mass) if cases.materials and mass > 0 else None
+        if likely is None:
+            return posterior
+        weights, n_parts = posterior.weights, self.model.n_parts
+        case = np.argmax(np.bincount(posterior.bias_cases, weights))
+        reduced = self._reduced(normal)
+        samples = reduced.information[case], reduced.vector[case]
+        found, log = [], []
+        for variances, chance in cases.of_answer:
+            phi, evidence = likely.bodies(self._linearised, samples, variances[n_parts:])
+            found.append(phi)
+            log.append(evidence + np.log(chance))
+        phi, chances = np.concatenate(found), normalised(np.concatenate(log))
+        unknowns = np.concatenate([phi, reduced.bias(np.full(len(phi), case), phi)], axis=1)
+        share = weights @ cases.as_stated[posterior.left]
+        return posterior.moved(share * (self._to_sensor() @ (chances @ unknowns) - posterior.unknowns))
+
+    def _reduced(self, normal: NormalEquations) -> WithoutBias:
+        """The same samples for each case of the bias."""
+        scaled, variances = self._scaled(normal), self.hypotheses.bias_variances
+        one = np.zeros(len(variances), dtype=np.int64)
+        return WithoutBias.of(NormalEquations(scaled.information[None][one], scaled.vector[None][one]), variances)
 
     def _posterior(self, found: "_Answers", inner: Array) -> Posterior:
         """The average of hypotheses, from their covariances (H, 10, 10)."""

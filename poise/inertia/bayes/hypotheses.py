@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
+from poise.inertia.bayes.materials import Materials
 from poise.inertia.model import NoiseLevels
 from poise.types import Array, Mask
 
@@ -91,6 +92,7 @@ class Hypotheses:
         uneven: (H,) bool, the cases in which parts have a core or layers.
         twins: (H,) of one density, the case with several where everything else is the same; of others, the case itself.
         scouts: (B,) the cases to begin with, one for each bias: free enough to follow the samples, and no freer.
+        materials: of the parts of a scanned shape; None: nothing is expected of them.
     """
 
     state_variances: Array
@@ -102,6 +104,7 @@ class Hypotheses:
     uneven: Mask
     twins: NDArray[np.int64]
     scouts: NDArray[np.int64]
+    materials: Materials | None = None
 
     def __len__(self) -> int:
         return len(self.log_probability)
@@ -147,6 +150,15 @@ class Hypotheses:
         odds, for_answer = _UNEVEN.sum() / (1 - _UNEVEN.sum()), _ANSWER_UNEVEN / (1 - _ANSWER_UNEVEN)
         return log_weights + np.where(self.uneven[left], np.log(for_answer / odds), 0.0)
 
+    @property
+    def of_answer(self) -> list[tuple[Array, float]]:
+        """(K + 9,) variances and probability, of a shape as stated with even parts, and of one with layers."""
+        stated = np.flatnonzero(self.as_stated)
+        variances, even = self.state_variances[stated], ~self.uneven[stated]
+        if even.all():
+            return [(variances[0], 1.0)]
+        return [(variances[even][0], 1 - _ANSWER_UNEVEN), (variances[~even][-1], _ANSWER_UNEVEN)]
+
     def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
         """Weights (H,) of the cases `left` with the share of one density that may be several in `_BALANCE`."""
         row = np.full(len(self), -1)
@@ -173,7 +185,8 @@ def hypotheses_for_shape(model: MassModel, shape_accuracy: float, resolution: fl
     if shape_accuracy < _CUT_FROM:
         return cases.rougher(roughness)
     known = cases.known_along(model.long_extents(_LONG)).rougher(roughness)
-    return known.with_uneven_parts(model.unevenness, _UNEVEN)
+    cases = known.with_uneven_parts(model.unevenness, _UNEVEN)
+    return replace(cases, materials=Materials.of(model, shape_accuracy))
 
 
 def _densities(model: MassModel) -> tuple[tuple[tuple[float, ...], float], ...]:

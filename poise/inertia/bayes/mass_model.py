@@ -61,6 +61,7 @@ class MassModel:
         radii: (3,) m, of gyration along the axes of the normalised frame.
         halvings: of large deformations, see `_deformation`.
         likeness: (K, K) correlation of the log masses beforehand, positive definite; None: nothing in common.
+        volume: m3, of the whole.
     """
 
     unit_moments: Array
@@ -69,6 +70,7 @@ class MassModel:
     radii: Array
     halvings: int = 0
     likeness: Array | None = None
+    volume: float = 1.0
 
     @classmethod
     def of_parts(cls, unit_phi: Array, volumes: Array, likeness: Array | None = None) -> "MassModel":
@@ -81,7 +83,8 @@ class MassModel:
         radii = np.sqrt(squares)
         inverse = np.linalg.inv(frame := _frame(axes * radii, centroid))
         to_sensor = _PHI @ _squared(frame) @ _MOMENTS
-        return cls(inverse @ moments @ inverse.T, shares, to_sensor, radii, likeness=likeness)
+        volume = float(volumes.sum())
+        return cls(inverse @ moments @ inverse.T, shares, to_sensor, radii, likeness=likeness, volume=volume)
 
     @classmethod
     def of_blob(cls, centre: Array, radius: float) -> "MassModel":

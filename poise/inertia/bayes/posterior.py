@@ -1,6 +1,8 @@
 """What is known after the samples, over all hypotheses, and how hard to try for it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from poise.inertia.bayes.small_systems import normalised
 from poise.types import Array, Indices
@@ -30,6 +32,10 @@ class Posterior:
     def phi(self) -> Array:
         """(10,)."""
         return self.unknowns[:10]
+
+    def moved(self, step: Array) -> "Posterior":
+        """The same answer elsewhere, by (16,), with the mean square error that it has there."""
+        return replace(self, unknowns=self.unknowns + step, covariance=self.covariance + np.outer(step, step))
 
     @property
     def weights(self) -> Array:

@@ -108,7 +108,8 @@ class PosteriorSearch:
             self._run_compiled(self.average.kernel)
         else:
             self._run_in_python()
-        self.posterior = self.average.with_even_parts(self.posterior, self._normal)
+        even = self.average.with_even_parts(self.posterior, self._normal)
+        self.posterior = self.average.with_materials(even, self._normal)
         return self
 
     def _run_in_python(self) -> None:
