@@ -30,7 +30,7 @@ _JOINTS, _BESIDE = 2, 0.2
 _SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
 _BLURS, _FINE = (15, 5), 9
-_SEARCHES = ((15, 0.7, 0.24, _SOFT[1:2]), (5, 0.15, 0.06, _SOFT[1:2]), (1, 0.06, 0.02, _SOFT))
+_SEARCHES = ((15, 0.7, 0.24), (5, 0.15, 0.06), (1, 0.06, 0.02))
 """Width of the blur in samples; how far, as a logarithm, the best gap so far is varied, and how far the lever turns."""
 _MOST = 2.0
 """Of the effort of a free link that the fit may have: it is 1 for an exact inertia; more than vanishes is no gap."""
@@ -94,9 +94,9 @@ class Backlash(Effect):
         for score, at in sorted(coarse, key=itemgetter(0), reverse=True)[:_JOINTS]:
             if score < _BESIDE * max(each for each, _ in coarse):
                 continue
-            for blur, gaps, turns, settlings in _SEARCHES:
-                at = best(_beside(at, gaps, turns, settlings, _gaps(recorded, at["joint"])), blur)[1]
-            yield at
+            for blur, reach, turn in _SEARCHES:
+                at = best(_beside(at, reach, turn, _gaps(recorded, at["joint"])), blur)[1]
+            yield best([{**at, "settling": settling} for settling in _SOFT], 1)[1]
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         """The effort of the joint itself, and of the others: less where these yield; and what knocks add to both.
@@ -152,14 +152,12 @@ def _values(joint: float, gap: float) -> Values:
     return {"joint": joint, "gap": gap, "settling": _SOFT[1], "turned": 0.0}
 
 
-def _beside(
-    at: Values, reach: float, turn: float, settlings: Sequence[float], gaps: tuple[float, float]
-) -> list[Values]:
-    """Other gaps, in a range, angles of the lever and times in which a knock settles."""
+def _beside(at: Values, reach: float, turn: float, gaps: tuple[float, float]) -> list[Values]:
+    """Other gaps, in a range, and angles of the lever."""
     near = (at["gap"] * np.exp(np.linspace(-reach, reach, _FINE))).tolist()
     turned = np.clip(at["turned"] + np.linspace(-turn, turn, _FINE), -_TURNED, _TURNED).tolist()
-    tried = itertools.product((gap for gap in near if gaps[0] <= gap <= gaps[1]), turned, settlings)
-    return [{**at, "gap": gap, "turned": angle, "settling": settling} for gap, angle, settling in tried]
+    tried = itertools.product((gap for gap in near if gaps[0] <= gap <= gaps[1]), turned)
+    return [{**at, "gap": gap, "turned": angle} for gap, angle in tried]
 
 
 def _slides(recorded: RecordedMotion, joint: float) -> bool:
