@@ -327,6 +327,12 @@ def test_the_play_of_a_lift_is_in_mm_and_that_of_the_arm_on_it_in_degrees() -> N
     assert effect.implausible(recorded, lift) == effect.implausible(recorded, elbow) == ""
     assert effect.implausible(recorded, lift | {"gap": 1e-2}) == "gap would be 0.01 m"
     assert effect.implausible(recorded, elbow | {"gap": 3e-5}) == "gap would be 3e-05 rad"
+    (ripple,) = effects_called(["gear_ripple"])
+    waves = {"order": 50.0 * np.pi, "sine": 3.0, "cosine": 4.0}
+    assert "force of lift oscillates 25.0 times per metre by 5.00 N:" in ripple.sentence(
+        recorded, waves | {"joint": 1.0}
+    )
+    assert "torque of elbow oscillates 157.1 times per revol" in ripple.sentence(recorded, waves | {"joint": 2.0})
 
 
 def test_links_that_differ_much_ask_for_the_description() -> None:

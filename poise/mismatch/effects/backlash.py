@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers
+from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers, slides
 from poise.mismatch.effects.knocks import knocks_at
 from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.recorded import RecordedMotion, white_level
@@ -91,9 +91,8 @@ class Backlash(Effect):
             best((_values(joint, gap) for gap in np.geomspace(*_gaps(recorded, joint), _TRIED).tolist()), *_BLURS)
             for joint in np.asarray(numbers(recorded), dtype=float)[loud].tolist()
         ]
-        for score, at in sorted(coarse, key=itemgetter(0), reverse=True)[:_JOINTS]:
-            if score < _BESIDE * max(each for each, _ in coarse):
-                continue
+        coarse.sort(key=itemgetter(0), reverse=True)
+        for at in [values for score, values in coarse[:_JOINTS] if score >= _BESIDE * coarse[0][0]]:
             for blur, reach, turn in _SEARCHES:
                 at = best(_beside(at, reach, turn, _gaps(recorded, at["joint"])), blur)[1]
             yield best([{**at, "settling": settling} for settling in _SOFT], 1)[1]
@@ -124,10 +123,10 @@ class Backlash(Effect):
         return super().implausible(recorded, values) or wrong
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        slides = _slides(recorded, values["joint"])
-        gap = f"{1e3 * values['gap']:.2g} mm" if slides else f"{np.degrees(values['gap']):.2f} degrees"
+        sliding = slides(recorded, values["joint"])
+        gap = f"{1e3 * values['gap']:.2g} mm" if sliding else f"{np.degrees(values['gap']):.2f} degrees"
         return (
-            f"{joint_called(recorded, values['joint'])} has {gap} of backlash: its {'force' if slides else 'torque'} "
+            f"{joint_called(recorded, values['joint'])} has {gap} of backlash: its {'force' if sliding else 'torque'} "
             "vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )
 
@@ -160,11 +159,6 @@ def _beside(at: Values, reach: float, turn: float, gaps: tuple[float, float]) ->
     return [{**at, "gap": gap, "turned": angle} for gap, angle in tried]
 
 
-def _slides(recorded: RecordedMotion, joint: float) -> bool:
-    """Whether a joint, by its number, is prismatic."""
-    return joint_called(recorded, joint) in efforts(recorded).prismatic
-
-
 def _gaps(recorded: RecordedMotion, joint: float) -> tuple[float, float]:
     """The range of gaps of a joint, rad or m."""
-    return _SLIDING if _slides(recorded, joint) else _GAPS
+    return _SLIDING if slides(recorded, joint) else _GAPS

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, torque_sizes
+from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, slides, torque_sizes
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -72,10 +72,13 @@ class GearRipple(Effect):
         }
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        return (
-            f"The torque of {joint_called(recorded, values['joint'])} oscillates {values['order']:.1f} times per "
-            f"revolution by {self.derived(recorded, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
-        )
+        joint, order = joint_called(recorded, values["joint"]), values["order"]
+        amplitude = self.derived(recorded, values)["amplitude"][0]
+        if slides(recorded, values["joint"]):
+            size = f"force of {joint} oscillates {order / (2.0 * np.pi):.1f} times per metre by {amplitude:.2f} N"
+        else:
+            size = f"torque of {joint} oscillates {order:.1f} times per revolution by {amplitude:.2f} N m"
+        return f"The {size}: the nominal gear runs smoothly."
 
 
 def _few_waves(position: Array, residual: Array) -> Array:
@@ -114,7 +117,8 @@ def _spectrum(position: Array, residual: Array) -> Array:
     root = np.sqrt(weight)
     cubic = np.linalg.qr(root[:, None] * np.vander(np.linspace(-1.0, 1.0, count), 4))[0]
     sums = np.bincount(place, weights=residual, minlength=count)
-    rest = sums - root * (cubic @ (cubic.T @ (sums / np.maximum(root, 1.0))))
+    smooth = cubic.T @ (sums / np.maximum(root, 1.0))
+    rest = sums - root * (cubic @ smooth)
     size = 4 * count
     order = np.asarray(2.0 * np.pi * np.arange(2 * count + 1) * count / (size * span))
     kept = np.flatnonzero((order > 2.0 * 2.0 * np.pi / span) & (order < _HIGHEST))
@@ -129,6 +133,5 @@ def _spectrum(position: Array, residual: Array) -> Array:
     shown = determinant > _SHOWN * weight.sum() ** 2
     fall = own[1] * cosine**2 + own[0] * sine**2 - 2.0 * both * cosine * sine
     power = np.where(shown, fall / np.where(shown, determinant, 1.0), 0.0)
-    smooth = cubic @ (cubic.T @ (sums / np.maximum(root, 1.0)))
     left = float(residual @ residual - smooth @ smooth)
     return np.array([order[kept], 0.5 * len(residual) * power / max(left, 1e-12)])

@@ -256,6 +256,11 @@ def listed(recorded: RecordedMotion, values: Sequence[float], unit: str) -> str:
     return f"{', '.join(f'{name} {value:.3g}' for name, value in shown)} {units[0]}"
 
 
+def slides(recorded: RecordedMotion, joint: float) -> bool:
+    """Whether a joint, by its number, is prismatic."""
+    return joint_called(recorded, joint) in efforts(recorded).prismatic
+
+
 def joint_unit(recorded: RecordedMotion, unit: str, name: str, values: Values) -> str:
     """The unit of a parameter of an effect on joints: of the joint that ends its name, of the effect's, or of all."""
     if recorded.effort is None or name == "phase":
