@@ -52,6 +52,22 @@ def test_a_tilt_that_the_wrench_shows_is_not_named_again_for_the_efforts() -> No
     assert len(found.examinations) == 2
 
 
+def test_a_zero_of_an_encoder_that_the_wrench_hides_is_named_from_the_efforts_beside_it() -> None:
+    """It turns the weight of the arm; the tolerance of the sensor's rotation may hide it in the wrench."""
+    reading, effect = read_both((0.0, 0.0)), effect_named("joint_offset")
+    recorded, effort = reading.recorded, reading.recorded.effort
+    assert effort is not None
+    assert effect is not None
+    offsets = {p.name: 0.0 for p in effect.parameters(recorded)} | {"offset_2": 0.015}
+    acting = acting_on_efforts(effect)
+    assert acting is not None
+    turned = effort.measured + acting.simulate(recorded, offsets)
+    recorded = replace(recorded, effort=replace(effort, measured=turned))
+    found = diagnose(recorded, reading.model, library=effects_called(["joint_offset", "link_parameters", "motor_gain"]))
+    assert [each.effect.name for each in found.findings] == ["joint_offset"]
+    assert found.findings[0].values["offset_2"] == pytest.approx(0.015, abs=0.003)
+
+
 def test_efforts_distinguish_a_pull_on_the_load_from_a_tilted_base() -> None:
     """At the centre of mass a constant pull turns the load's gravity, and not that of the arm."""
     reading, pull = read_both((0.0, 0.0)), np.array([0.9, -0.5, 0.0])

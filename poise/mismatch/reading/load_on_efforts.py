@@ -21,6 +21,8 @@ from poise.types import Array
 
 _EVENTS = ("mass_step", "mass_leak", "contact")
 """Events that happen to the load."""
+_OF_THE_ARM = ("joint_offset", "base_tilt")
+"""Effects on the arm's own weight: its efforts show them beside a wrench, too."""
 _OF_EFFORTS = ("signal", "needs")
 """Attributes that an effect on efforts has of its own."""
 _CALM = 0.05
@@ -253,8 +255,11 @@ def with_rest(recorded: RecordedMotion, wrench: Array) -> RecordedMotion:
 
 
 def on_efforts(effect: Effect, recorded: RecordedMotion) -> Effect:
-    """The effect as the efforts show it, for a recording of joint efforts without a wrench."""
+    """The effect as the efforts show it, for a recording of joint efforts without a wrench.
+
+    A wrong zero of an encoder turns the arm's own weight, which a wrench does not show.
+    """
     if isinstance(effect, UnreportedBaseMotion) and recorded.effort is not None and not recorded.has("wrench"):
         return MotionOnEfforts(effect, FEWEST_SPLINES)
-    shown = recorded.effort is not None and not recorded.has("wrench")
+    shown = recorded.effort is not None and (effect.name in _OF_THE_ARM or not recorded.has("wrench"))
     return (acting_on_efforts(effect) if shown else None) or effect
