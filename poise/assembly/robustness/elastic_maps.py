@@ -60,18 +60,18 @@ class _ElasticPool(Pool):
         self.deadline = _Ration(self._clock.at, [times * (_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS)])
 
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
-        values: list[float] = []
         may = wrenches[: max(0, self.deadline.left[0])] if isinstance(self.deadline, _Ration) else wrenches
-        for start in range(0, len(may), self.at_once):
+        return super().inverse_factors(body, may)
+
+    def _asked(self, body: int, wrenches: Array) -> list[float]:
+        """(k <= n,) inverse load factors of wrenches (n, 6) on a body of the block, as far as there is time."""
+        values: list[float] = []
+        loads = self.loads(body, wrenches)
+        for wrench, load, limit in zip(wrenches, loads, self._limits(body, wrenches, loads).tolist(), strict=True):
             if self.deadline.passed:
                 break
-            some = may[start : start + self.at_once]
-            loads = self.loads(body, some)
-            for wrench, load, limit in zip(some, loads, self._limits(body, some, loads).tolist(), strict=True):
-                if self.deadline.passed:
-                    break
-                values.append(self._inverse_factor(wrench, load, limit))
-        return np.array(values)
+            values.append(self._inverse_factor(wrench, load, limit))
+        return values
 
     def _limits(self, body: int, wrenches: Array, loads: Array) -> Array:
         """(q,) inverse load factors of wrenches (q, 6), whose loads are (q, 6 n), by limit analysis and patches.

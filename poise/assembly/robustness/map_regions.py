@@ -104,16 +104,12 @@ class Pool:
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
         """(k <= n,) inverse load factors of wrenches (n, 6) on a body of the block, as far as there is time."""
         values: list[float] = []
-        for start in range(0, len(wrenches), self.at_once):
+        at_once = max(1, _AT_ONCE // self.block.geometry.count)
+        for start in range(0, len(wrenches), at_once):
             if self.deadline.passed:
                 break
-            values += self._asked(body, wrenches[start : start + self.at_once])
+            values += self._asked(body, wrenches[start : start + at_once])
         return np.array(values)
-
-    @property
-    def at_once(self) -> int:
-        """Loads that the block is asked about between two looks at the deadline."""
-        return max(1, _AT_ONCE // self.block.geometry.count)
 
     def _asked(self, body: int, wrenches: Array) -> list[float]:
         """(n,) inverse load factors of wrenches (n, 6) on a body of the block; their mechanisms join the pool."""

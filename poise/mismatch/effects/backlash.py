@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Sequence
+from functools import cache
 from operator import itemgetter
 from typing import ClassVar
 
@@ -25,7 +26,7 @@ _AT_END = 1.01
 """Times the smallest gap up to which a fit was stopped there: a smaller one explains as much, and shows nothing."""
 _TRIED = 17
 """Gaps that are tried."""
-_JOINTS, _BESIDE = 2, 0.2
+_JOINTS, _LEAST_SCORE = 2, 0.2
 """Joints whose gap is searched finely, and from which score in units of the best: knocks shake other joints too."""
 _SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
@@ -79,10 +80,14 @@ class Backlash(Effect):
         level = np.maximum(white_level(residual), 1e-12)
         loud = np.maximum(residual.std(axis=0) / _LOUD, np.abs(residual).max(axis=0) / _KNOCK) >= level
 
+        @cache
+        def left(column: int, blur: int) -> Array:
+            return _blurred(residual[:, column] / level[column], blur)
+
         def explained(values: Values, blurs: Sequence[int]) -> float:
             column = column_of(recorded, values["joint"])
             response = self.columns(recorded, values)[:, column, 0]
-            return max(_alike(residual[:, column] / level[column], response, blur) for blur in blurs)
+            return max(_explained(left(column, blur), _blurred(response, blur)) for blur in blurs)
 
         def best(tried: Iterable[Values], *blurs: int) -> tuple[float, Values]:
             return max(((explained(values, blurs), values) for values in tried), key=itemgetter(0))
@@ -92,9 +97,9 @@ class Backlash(Effect):
             for joint in np.asarray(numbers(recorded), dtype=float)[loud].tolist()
         ]
         coarse.sort(key=itemgetter(0), reverse=True)
-        for at in [values for score, values in coarse[:_JOINTS] if score >= _BESIDE * coarse[0][0]]:
+        for at in [values for score, values in coarse[:_JOINTS] if score >= _LEAST_SCORE * coarse[0][0]]:
             for blur, reach, turn in _SEARCHES:
-                at = best(_beside(at, reach, turn, _gaps(recorded, at["joint"])), blur)[1]
+                at = best(_near(at, reach, turn, _gaps(recorded, at["joint"])), blur)[1]
             yield best([{**at, "settling": settling} for settling in _SOFT], 1)[1]
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -139,11 +144,15 @@ def _free_link(recorded: RecordedMotion, values: Values) -> tuple[Array, tuple[A
     return push, between_stops(track.seconds, push, values["gap"], values["settling"])
 
 
-def _alike(there: Array, here: Array, blur: int) -> float:
-    """How much of a sum of squares a response explains, both (M,) and blurred."""
-    there, here = uniform_filter1d(there, blur), uniform_filter1d(here, blur)
-    there, here = there - there.mean(), here - here.mean()
-    return max(float(there @ here), 0.0) ** 2 / max(float(here @ here), 1e-12)
+def _blurred(values: Array, blur: int) -> Array:
+    """(M,) averages over a number of samples, less their mean."""
+    blurred = uniform_filter1d(values, blur)
+    return np.asarray(blurred - blurred.mean())
+
+
+def _explained(residual: Array, response: Array) -> float:
+    """How much of the sum of squares of a residual (M,) a response (M,) explains."""
+    return max(float(residual @ response), 0.0) ** 2 / max(float(response @ response), 1e-12)
 
 
 def _values(joint: float, gap: float) -> Values:
@@ -151,7 +160,7 @@ def _values(joint: float, gap: float) -> Values:
     return {"joint": joint, "gap": gap, "settling": _SOFT[1], "turned": 0.0}
 
 
-def _beside(at: Values, reach: float, turn: float, gaps: tuple[float, float]) -> list[Values]:
+def _near(at: Values, reach: float, turn: float, gaps: tuple[float, float]) -> list[Values]:
     """Other gaps, in a range, and angles of the lever."""
     near = (at["gap"] * np.exp(np.linspace(-reach, reach, _FINE))).tolist()
     turned = np.clip(at["turned"] + np.linspace(-turn, turn, _FINE), -_TURNED, _TURNED).tolist()

@@ -27,8 +27,7 @@ class SensorNonlinearity(Effect):
     needs = ("load",)
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        largest = recorded.once(self.name, lambda: np.abs(recorded.prediction).max(axis=0, initial=0.0).reshape(2, 3))
-        loads = np.minimum(_TYPICAL[1], np.maximum(largest.max(axis=1), 1e-3)).tolist()
+        loads = recorded.once(self.name, lambda: _loads(recorded))
         made = []
         for i, channel in enumerate(WRENCH_CHANNELS):
             load, unit = loads[i // 3], "N" if i < 3 else "(N m)"
@@ -77,3 +76,9 @@ class SensorNonlinearity(Effect):
             for c, w in zip(WRENCH_CHANNELS, largest, strict=True)
         )
         return np.array(list(bends))
+
+
+def _loads(recorded: RecordedMotion) -> list[float]:
+    """Force and torque, N and N m, at which nonlinearities have their typical shares."""
+    largest = np.abs(recorded.nominal).reshape(-1, 2, 3).max(axis=(0, 2), initial=1e-3)
+    return list(np.minimum(largest, _TYPICAL[1]).tolist())

@@ -21,8 +21,6 @@ from poise.types import Array
 
 _EVENTS = ("mass_step", "mass_leak", "contact")
 """Events that happen to the load."""
-_OF_THE_ARM = ("joint_offset", "base_tilt")
-"""Effects on the arm's own weight: its efforts show them beside a wrench, too."""
 _OF_EFFORTS = ("signal", "needs")
 """Attributes that an effect on efforts has of its own."""
 _CALM = 0.05
@@ -233,6 +231,10 @@ def _acceleration(by_motion: Array, residual: Array) -> Array:
     return np.asarray(np.linalg.solve(square, np.einsum("mjx,mj->mx", by_motion, residual)[:, :, None])[:, :, 0])
 
 
+_OF_THE_ARM: dict[str, type[_OnEfforts]] = {"base_tilt": TiltOnEfforts, "joint_offset": OffsetOnEfforts}
+"""Effects on the arm's own weight: its efforts show them beside a wrench, too."""
+
+
 def acting_on_efforts(effect: Effect) -> Effect | None:
     """The effect as it acts on joint efforts; None for an effect that does not reach them."""
     if effect.layer == "load" or effect.name in _EVENTS:
@@ -241,7 +243,7 @@ def acting_on_efforts(effect: Effect) -> Effect | None:
         return MotionOnEfforts(effect)
     if isinstance(effect, ExternalVibration):
         return VibrationOnEfforts(effect)
-    known = {"base_tilt": TiltOnEfforts, "joint_offset": OffsetOnEfforts}.get(effect.name)
+    known = _OF_THE_ARM.get(effect.name)
     return None if known is None else known(effect)
 
 
@@ -257,9 +259,11 @@ def with_rest(recorded: RecordedMotion, wrench: Array) -> RecordedMotion:
 def on_efforts(effect: Effect, recorded: RecordedMotion) -> Effect:
     """The effect as the efforts show it, for a recording of joint efforts without a wrench.
 
-    A wrong zero of an encoder turns the arm's own weight, which a wrench does not show.
+    A wrong zero of an encoder and a tilted base turn the arm's own weight, which a wrench does not show.
     """
-    if isinstance(effect, UnreportedBaseMotion) and recorded.effort is not None and not recorded.has("wrench"):
+    alone = not recorded.has("wrench")
+    if recorded.effort is None or not (alone or effect.name in _OF_THE_ARM):
+        return effect
+    if isinstance(effect, UnreportedBaseMotion):
         return MotionOnEfforts(effect, FEWEST_SPLINES)
-    shown = recorded.effort is not None and (effect.name in _OF_THE_ARM or not recorded.has("wrench"))
-    return (acting_on_efforts(effect) if shown else None) or effect
+    return acting_on_efforts(effect) or effect
