@@ -16,6 +16,7 @@ from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
 from poise.mismatch.inference.cancelling import cancelling
 from poise.mismatch.inference.proof import EffectProof
+from poise.mismatch.inference.replacements import stopped_at_an_end
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion, at_times
 
@@ -79,6 +80,16 @@ def test_a_filter_and_an_early_clock_that_cancel_are_no_explanation():
     # Their delays cancel, however much they smooth together.
     parts = [FittedEffect(slow, {"time_constant": 0.4}), FittedEffect(late, {"offset": -0.38})]
     assert all(cancelling(problem, parts))
+
+
+@pytest.mark.parametrize("returns", [False, True])
+def test_an_end_counts_only_of_parameters_that_act(returns):
+    case, effect = make_case(3, duration=5.0), effect_named("mass_step")
+    assert effect is not None
+    values = {"time": 2.0, "returns": float(returns), "length": 0.5, "mass": 0.2}
+    values |= dict.fromkeys(("moment_x", "moment_y", "moment_z"), 0.0)
+    problem = wrench_problem(case.recorded(), case.model)
+    assert stopped_at_an_end(problem, fit(problem, [FittedEffect(effect, values)], 0)) == returns
 
 
 def _pressed(recorded: RecordedMotion, *direction: float) -> dict[str, float]:

@@ -26,6 +26,8 @@ from benchmarks.random_effects import TURNS, random_case
         (7269, "backlash"),  # shakes other joints more than its own
         (7291, "coulomb_friction"),  # whose law of reversal is no other friction
         (7310, "flexible_mode"),  # efforts alone
+        (7493, "grasp_compliance"),  # efforts alone; a mode of a part fits nearly as well
+        (7525, "coulomb_friction"),  # stick-slip, whose noisy acceleration a spring would smooth
     ],
 )
 def test_effects_on_random_robots_have_no_false_name(seed: int, effect: str, tmp_path: Path) -> None:

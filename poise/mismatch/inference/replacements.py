@@ -14,6 +14,7 @@ from poise.mismatch.effects import Effect
 from poise.mismatch.inference.added_effect import EffectCandidate
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import HypothesisSearch, alike
+from poise.mismatch.inference.linearised import acting_parameters
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.screening import beside
 from poise.mismatch.inference.unknown import FreeCurve
@@ -163,7 +164,7 @@ def improved(
         state.replaced.add(key)
         now = now or _fitted(state, problem, found.parts)
         tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
-        pressed = _pressed(problem, tried) and not _pressed(problem, now)
+        pressed = stopped_at_an_end(problem, tried) and not stopped_at_an_end(problem, now)
         if tried.log_evidence > now.log_evidence - slack and not pressed:
             return tried
     return None
@@ -294,8 +295,8 @@ def _fitted(state: HypothesisSearch, problem: Problem, parts: tuple[FittedEffect
     return state.fitted(problem, fit(problem.weighed(), parts, _STEPS).parts, 0)
 
 
-def _pressed(problem: Problem, found: HypothesisFit) -> bool:
-    """Whether a parameter was stopped at an end of its range: such an effect imitates another one.
+def stopped_at_an_end(problem: Problem, found: HypothesisFit) -> bool:
+    """Whether a parameter that acts was stopped at an end of its range: such an effect imitates another one.
 
     The ramps of joints do not count: without friction a joint has none.
     """
@@ -303,5 +304,5 @@ def _pressed(problem: Problem, found: HypothesisFit) -> bool:
     return any(
         p.at_end(part.values[p.name]) and not p.choice and not (p.hidden and part.effect.of_joint)
         for part, recorded in zip(found.parts, inputs, strict=True)
-        for p in part.effect.parameters(recorded)
+        for p in acting_parameters(part.effect, recorded, part.values)
     )
