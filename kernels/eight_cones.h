@@ -35,26 +35,24 @@ static POISE_INLINE void minor(const row_of_block *u, const int size, row_of_blo
   *out = (u[0] - side) * (u[0] + side);
 }
 
-/* The scaling for which W z = W^-1 s = `middle` (size); 0 when an s or z is not inside its cone. */
-static POISE_INLINE int scale(const row_of_block *s, const row_of_block *z, const int size, struct scaling *w,
-                              row_of_block *middle) {
+/* The scaling for which W z = W^-1 s = `middle` (size), in lanes whose s and z are `inside` their cones. */
+static POISE_INLINE void scale(const row_of_block *s, const row_of_block *z, const int size, struct scaling *w,
+                               row_of_block *middle, lanes_where *inside) {
   const row_of_block none = {0.0}, one = none + 1.0;
   if (size == 1) {
-    const lanes_where inside = (s[0] > none) & (z[0] > none);
-    if (!all_of(&inside)) return 0;
+    *inside = (s[0] > none) & (z[0] > none);
     w->eta = s[0] / z[0];
     take_roots(&w->eta);
     w->back = one / w->eta;
     w->v[0] = one;
     middle[0] = s[0] * z[0];
     take_roots(middle);
-    return 1;
+    return;
   }
   row_of_block of_s, of_z;
   minor(s, size, &of_s);
   minor(z, size, &of_z);
-  const lanes_where inside = (of_s > none) & (of_z > none) & (s[0] > none) & (z[0] > none);
-  if (!all_of(&inside)) return 0;
+  *inside = (of_s > none) & (of_z > none) & (s[0] > none) & (z[0] > none);
   take_roots(&of_s);
   take_roots(&of_z);
   row_of_block product = none;
@@ -74,7 +72,6 @@ static POISE_INLINE int scale(const row_of_block *s, const row_of_block *z, cons
   for (int i = 1; i < size; i++) along += w->v[i] * z[i];
   middle[0] = w->eta * along;
   for (int i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) * w->share * w->v[i]);
-  return 1;
 }
 
 /* out = W u, or W^-1 u */
