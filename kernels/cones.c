@@ -8,7 +8,7 @@
 #include "cones.h"
 #include "dense.h"
 
-enum { CAREFUL_ROUNDS = 3, WORTHWHILE = 3, FEW_BODIES = 60 };
+enum { CAREFUL_ROUNDS = 3, WORTHWHILE = 4, FEW_BODIES = 60 };
 static const double CENTRED = 0.1;
 
 /* Places without a cone in the last eight of a size repeat the last cone: what is computed again there is the same. */
@@ -372,7 +372,7 @@ static POISE_INLINE int scale_in(struct scaling *w, struct iterate *it, const in
   row_of_block s[WIDEST], z[WIDEST], middle[WIDEST];
   take(it->s, heads, size, s);
   take(it->z, heads, size, z);
-  lanes_where inside;
+  row_of_block inside = (row_of_block){0.0} + 1.0;
   scale(s, z, size, w, middle, &inside);
   if (!all_of(&inside)) return 0;
   put(middle, heads, size, it->middle);

@@ -15,7 +15,7 @@ struct eight_loads {
   row_of_block *squares, *scaled, *pulled, *room, *repaired_x, *repaired_z, *left_x, *left_z;
   row_of_block *x, *s, *z, *middle, *dx, *ds, *dz, *rest_x, *rest_z, *right, *aim, *q, *p;
   row_of_block *shared_weight, *denominator, *mu, *dual, *primal;
-  lanes_where *fine; /* lanes in which nothing failed */
+  row_of_block *fine; /* 1 in lanes in which nothing failed, otherwise 0 */
 };
 
 /* Room for all of them, laid out from `next`; returns where it ends. */
@@ -32,9 +32,8 @@ static row_of_block *lay_out(struct eight_loads *made, row_of_block *next) {
              {&made->left_z, z}, {&made->x, x}, {&made->s, z}, {&made->z, z}, {&made->middle, z}, {&made->dx, x},
              {&made->ds, z}, {&made->dz, z}, {&made->rest_x, x}, {&made->rest_z, z}, {&made->right, z},
              {&made->aim, z}, {&made->q, x}, {&made->p, x}, {&made->shared_weight, 1}, {&made->denominator, 1},
-             {&made->mu, 1}, {&made->dual, 1}, {&made->primal, 1}};
+             {&made->mu, 1}, {&made->dual, 1}, {&made->primal, 1}, {&made->fine, 1}};
   for (size_t i = 0; i < sizeof all / sizeof *all; next += all[i++].count) *all[i].place = next;
-  made->fine = (lanes_where *)next++;
   made->scaling = (struct scaling *)next;
   return next + at->cones * (int64_t)(sizeof(struct scaling) / sizeof *next);
 }
@@ -163,11 +162,11 @@ static POISE_INLINE void scale_rows(const struct scaling *w, const double *rows,
 }
 
 /* The lower triangle (n, n) becomes its factor; `fine` is where there is one. */
-static POISE_INLINE void factor_triangle(row_of_block *a, const int64_t n, lanes_where *fine) {
+static POISE_INLINE void factor_triangle(row_of_block *a, const int64_t n, row_of_block *fine) {
   for (int64_t j = 0; j < n; j++) {
     row_of_block sum = a[j * n + j];
     for (int64_t k = 0; k < j; k++) sum -= a[j * n + k] * a[j * n + k];
-    *fine &= sum > (row_of_block){0.0};
+    only_positive(&sum, fine);
     take_roots(&sum);
     a[j * n + j] = sum;
     for (int64_t i = j + 1; i < n; i++) {
@@ -377,7 +376,7 @@ POISE_WIDE static void factor_with_shared(struct eight_loads *made) {
   row_of_block sum = *made->shared_weight;
   for (int64_t i = 0; i < size; i++) sum += shared[i] * made->pulled[i];
   *made->denominator = sum;
-  *made->fine &= sum > none;
+  only_positive(&sum, made->fine);
 }
 
 static POISE_INLINE void square_in(const struct scaling *w, const row_of_block *u, const int size, const int inverse,
@@ -455,12 +454,12 @@ POISE_WIDE static void largest_of(const row_of_block *u, int64_t count, row_of_b
 POISE_WIDE static void rescale(struct eight_loads *made) {
   const int64_t shared = made->at->rows;
   const row_of_block none = {0.0};
-  lanes_where inside, fine = *made->fine;
-  CALL_SCALED(made, first, size, w, scale(made->s + first, made->z + first, size, w, made->middle + first, &inside);
-              fine &= inside)
+  row_of_block fine = *made->fine;
+  CALL_SCALED(made, first, size, w, scale(made->s + first, made->z + first, size, w, made->middle + first, &fine))
   *made->shared_weight = none;
   if (!made->program->equal) {
-    fine &= (made->s[shared] > none) & (made->z[shared] > none);
+    only_positive(made->s + shared, &fine);
+    only_positive(made->z + shared, &fine);
     *made->shared_weight = made->s[shared] / made->z[shared];
   }
   *made->fine = fine;
@@ -647,7 +646,7 @@ static void go_on(struct eight_loads *made, struct lanes_left *lanes, const stru
   const row_of_block none = {0.0}, one = none + 1.0;
   row_of_block far, high, after, centre, kept;
   lanes_where rounds = {0};
-  *made->fine = ~(lanes_where){0};
+  *made->fine = one;
   rescale(made);
   factor_with_shared(made);
   aim_at(made, &none, 0);
@@ -672,7 +671,7 @@ static void go_on(struct eight_loads *made, struct lanes_left *lanes, const stru
   longest(made, made->z, made->dz, &high);
   for (int l = 0; l < WIDTH; l++) {
     if (!lanes->under_way[l]) continue;
-    if ((*made->fine)[l] && fmin(far[l], high[l]) > 1e-10)
+    if ((*made->fine)[l] > 0.0 && fmin(far[l], high[l]) > 1e-10)
       answers->steps[l]++;
     else
       end_lane(lanes, l);
