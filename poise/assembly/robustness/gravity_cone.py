@@ -48,10 +48,12 @@ class GravityCone:
         b = self._mu**2 * pressing * d_pressing - d_sliding @ sliding
         c = max(float(self._mu**2 * pressing**2 - sliding @ sliding), 0.0)
         root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-        # The first positive root of a s^2 + 2 b s + c, in the form that does not cancel.
+        # The first positive root of a s^2 + 2 b s + c, in the form that does not cancel. Without friction, and at the
+        # edge of it, c is 0: what moves away from the cone slips at once.
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = np.where(root > b, c / (root - b), np.inf)
-        return np.where((b >= 0) & (a >= 0) & (b * b <= a * c), np.inf, np.where(found >= 0, found, np.inf))
+            towards = np.where(b < 0, c / (root - b), np.inf)
+            found = np.where((b >= 0) & (a < 0), (b + root) / -a, towards)
+        return np.where(np.isnan(found), np.inf, found)
 
     def _split(self, vectors: Array) -> tuple[Array, Array]:
         """Parts (...) against the normal and (..., 3) in the plane."""
