@@ -189,11 +189,19 @@ class PatchProgram:
         allowed: Mask = counts <= _LOOKED_AT
         rows, interfaces = np.nonzero(over & looked_at[:, None])
         moments = turning[rows, interfaces] * self._geometry.units.length
-        for i in np.unique(interfaces).tolist():
-            at = np.flatnonzero(interfaces == i)
-            row = rows[at]
-            needed = _needed(self._frictions[i], fu[row, i], fv[row, i], moments[at])
-            allowed[row[needed > self._mu[i] * total[row, i] * (1 + 1e-3) + _PRESSED]] = False
+        most = self._mu[interfaces] * total[rows, interfaces] * (1 + 1e-3) + _PRESSED
+        often = np.bincount(interfaces, minlength=len(self._mu)) > _FORCES_AT_ONCE
+        for i in np.flatnonzero(often).tolist():
+            at, friction = interfaces == i, self._frictions[i]
+            forces = np.stack([fu[rows[at], i], fv[rows[at], i]], axis=1)
+            needed = friction.surface.normal_force_needed(forces, moments[at] / friction.size)
+            allowed[rows[at][needed > most[at]]] = False
+        some = np.flatnonzero(~often[interfaces])
+        questions = (rows[some], interfaces[some], moments[some], most[some])
+        for row, i, moment, bound in zip(*(each.tolist() for each in questions), strict=True):
+            if allowed[row]:
+                friction, force = self._frictions[i], (float(fu[row, i]), float(fv[row, i]))
+                allowed[row] = friction.surface.normal_force_needed_for(*force, moment / friction.size) <= bound
         return allowed
 
     @cached_property
@@ -302,15 +310,6 @@ class _Layout:
 def _sums(values: Array, which: Indices, count: int) -> Array:
     """(..., I) sums of values (..., K) over each interface, which all have some; `which` (K,) ascends."""
     return np.add.reduceat(values, np.searchsorted(which, np.arange(count)), axis=-1)
-
-
-def _needed(friction: PatchFriction, along: Array, across: Array, moment: Array) -> Array:
-    """(Q,) normal force that friction of these forces and moments (Q,) needs."""
-    surface, moment = friction.surface, moment / friction.size
-    if len(moment) > _FORCES_AT_ONCE:
-        return surface.normal_force_needed(np.stack([along, across], axis=1), moment)
-    forces = zip(along.tolist(), across.tolist(), moment.tolist(), strict=True)
-    return np.array([surface.normal_force_needed_for(*each) for each in forces])
 
 
 def _cells(
