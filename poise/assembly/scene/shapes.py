@@ -61,12 +61,11 @@ class Polyhedron:
     @cached_property
     def thickness(self) -> float:
         """m, the least side of the bounds in the object frame; of what is not convex, at most its mean wall."""
-        least = float(np.ptp(self.vertices, axis=0).min())
         if self.convex:
-            return least
+            return float(np.ptp(self.vertices, axis=0).min())
         a, b, c = np.moveaxis(self.vertices[self.triangles] - self.vertices[0], 1, 0)
         volume = float(np.einsum("ij,ij->", a, cross(b, c))) / 6
-        return min(least, 2 * volume / float(self.facet_areas.sum()))
+        return min(float(np.ptp(self.vertices, axis=0).min()), 2 * volume / float(self.facet_areas.sum()))
 
     @cached_property
     def facet_areas(self) -> Array:
