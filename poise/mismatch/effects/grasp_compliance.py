@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from poise.geometry import cross
 from poise.inertia.model import symmetric
@@ -20,6 +21,8 @@ _LARGEST = 0.5
 """rad, the largest rotation that is simulated."""
 _STARTING = 0.02
 """s between the samples from which a search begins."""
+_SMOOTHING = (0.03, 0.12)
+"""s, widths of filters of the motion beside which the search begins."""
 
 
 class GraspCompliance(Effect):
@@ -52,14 +55,15 @@ class GraspCompliance(Effect):
         """The best of several stiffnesses and heights, beside what errors of bias, gains and centre of mass explain."""
         recorded, residual = coarsely(recorded, residual, _STARTING)
         weight = np.repeat([1.0, 20.0], 3)
-        wanted, scores = beside_errors(recorded, residual) * weight, []
+        straight = partial(_beside_smoothing, recorded)
+        wanted, scores = straight(residual) * weight, []
         for height in (0.0, 0.05):
             for stiffness in np.geomspace(10.0, 1000.0, 7):
                 values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
                 response = recorded.once(
                     ("grasp", height, stiffness), partial(self._simulated, recorded, values, rounds=1)
                 )
-                scores.append((float(np.sum((wanted - beside_errors(recorded, response) * weight) ** 2)), values))
+                scores.append((float(np.sum((wanted - straight(response) * weight) ** 2)), values))
         yield min(scores, key=lambda item: item[0])[1]
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
@@ -90,6 +94,22 @@ class GraspCompliance(Effect):
         force, torque = body.wrench(turn, rate, second)
         pivot = np.array([0.0, 0.0, values["height"]])
         return np.concatenate([force, torque + cross(pivot, force)], axis=1) - recorded.nominal
+
+
+def _beside_smoothing(recorded: RecordedMotion, values: Array) -> Array:
+    """(N, 6) wrenches without what errors of the motion and of bias, gains and centre of mass explain of each.
+
+    The calibration smooths the predicted load, and so takes a part of the response of a spring out of a residual.
+    """
+
+    def made() -> Array:
+        blurred = [gaussian_filter1d(recorded.nominal, width / recorded.period, axis=0) for width in _SMOOTHING]
+        rest = beside_errors(recorded, np.hstack(blurred) - np.tile(recorded.nominal, len(_SMOOTHING)))
+        return np.asarray(np.linalg.qr(rest)[0])
+
+    basis = recorded.once("smoothing", made)
+    values = beside_errors(recorded, values)
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def _turns(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> tuple[Array, Array, Array]:

@@ -121,8 +121,12 @@ def _blur(recorded: RecordedMotion) -> CalibrationGroup:
     wrench = recorded.nominal
     if recorded.lag:
         wrench = at_times(recorded.seconds, wrench, recorded.seconds - recorded.lag)
-    calm = [gaussian_filter1d(wrench, width / recorded.period, axis=0, mode="nearest") - wrench for width in _BLURS]
-    return CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=recorded.lag == 0.0)
+    return _blurred(wrench, recorded.period, lasting=recorded.lag == 0.0)
+
+
+def _blurred(nominal: Array, period: float, *, lasting: bool) -> CalibrationGroup:
+    calm = [gaussian_filter1d(nominal, width / period, axis=0, mode="nearest") - nominal for width in _BLURS]
+    return CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=lasting)
 
 
 def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
@@ -183,6 +187,7 @@ def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Toleran
         CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
         CalibrationGroup("clock", _late(track, tolerance.clock_offset), lasting=True),
+        _blurred(track.rigid, float(np.median(np.diff(track.seconds))), lasting=True),
         *rest,
         *((_reversals(track),) if friction_known(track) else ()),
     )
