@@ -39,7 +39,7 @@ def balance_findings(analysis: Analysis) -> tuple[SceneFinding, ...]:
     for block in analysis.blocks:
         if block.geometry.statically_determinate:
             item = analysis.assembly.objects[block.block.members[0][0]]
-            if GravityCone.of(block).spare(gravity) <= _BALANCED * float(np.ptp(item.vertices, axis=0).max()):
+            if abs(GravityCone.of(block).spare(gravity)) <= _BALANCED * float(np.ptp(item.vertices, axis=0).max()):
                 found.append(item.id)
     if not found:
         return ()
