@@ -5,52 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bodies.h"
+#include "cones.h"
 #include "dense.h"
-#include "eight_cones.h"
 
-enum { MOST_STEPS = 60, CAREFUL_ROUNDS = 3, SOLVED = 0, STUCK = 1 };
-static const double SHORT = 0.99, ENOUGH_KEPT = 1e-13, LEFT = 1e-7, CENTRED = 0.1, NEAR = 0.7,
-                    ROUNDED = 1e-11;
-
-/* max w y, where the slacks -(rows of each pair) (relative motion, locals of the pair) are in cones, and for one row
-   more, `shared` y <= 1, or = 1 if `equal`. Of each pair first the rows of cones of one, then of `wide` each. */
-struct cone_program {
-  struct bodies bodies;
-  const int64_t *singles, *wides; /* (pairs) cones of one row, and of `wide` rows */
-  const int64_t *locals;          /* (pairs) unknowns of the pair alone */
-  int64_t wide, equal;
-  const double *entries; /* of each pair, row after row: 6 for the motion, then the locals */
-  const double *shared;  /* (6 count) */
-  double tolerance;      /* of equations, and of the gap */
-};
-
-/* Where things of each pair begin. */
-struct layout {
-  int64_t *row, *unknown, *entry, *square, rows, unknowns, entries, squares, cones, most_rows, most_locals;
-  int64_t *heads; /* (single_eights + wide_eights, 8) first row of each cone: eight of a size are computed at a time */
-  int64_t single_eights, wide_eights;
-};
-
-struct solver {
-  const struct cone_program *program;
-  struct layout at;
-  struct body_matrix matrix;
-  struct scaling *scaling; /* of the eights */
-  double *squares;  /* (M, M) factor of the locals, and (M, 6) what the locals take of the motion, of each pair */
-  double *scaled;   /* rows of one pair in the scale of their cones */
-  double *local;    /* (unknowns - 6 n) scratch */
-  double *pulled;   /* (6 n + locals) what the shared row pulls */
-  double *room, *repaired_x, *repaired_z, *rest_x, *rest_z;
-  double shared_weight; /* 1 / W^2 of the shared row; 0 for an equation */
-  double denominator;
-};
-
-/* The lesser and the larger of two; the second where the first is not a number. */
-static POISE_INLINE double lesser(double a, double b) { return a < b ? a : b; }
-static POISE_INLINE double larger(double a, double b) { return a > b ? a : b; }
-
-static int64_t size_of(const struct cone_program *program) { return SIDE * program->bodies.count; }
+enum { CAREFUL_ROUNDS = 3, WORTHWHILE = 4, FEW_BODIES = 60 };
+static const double CENTRED = 0.1;
 
 /* Places without a cone in the last eight of a size repeat the last cone: what is computed again there is the same. */
 static void lay_out_eights(const struct cone_program *program, struct layout *at) {
@@ -409,17 +368,13 @@ static double largest_of(const double *u, int64_t count) {
   return largest;
 }
 
-/* min q x with A x + s = b: unknowns x, slacks s, multipliers z, and vectors of the step. */
-struct iterate {
-  double *x, *s, *z, *middle, *dx, *ds, *dz, *rest_x, *rest_z, *right, *aim, *q, *p;
-  double mu, dual, primal;
-};
-
 static POISE_INLINE int scale_in(struct scaling *w, struct iterate *it, const int64_t *heads, const int size) {
   row_of_block s[WIDEST], z[WIDEST], middle[WIDEST];
   take(it->s, heads, size, s);
   take(it->z, heads, size, z);
-  if (!scale(s, z, size, w, middle)) return 0;
+  row_of_block inside = (row_of_block){0.0} + 1.0;
+  scale(s, z, size, w, middle, &inside);
+  if (!all_of(&inside)) return 0;
   put(middle, heads, size, it->middle);
   return 1;
 }
@@ -668,10 +623,12 @@ struct cone_solver {
   int64_t *whole, kept;
   double weight, denominator;
   int central;
+  struct eight_loads *eight; /* made when it is first needed */
 };
 
 POISE_EXPORT void poise_cones_free(struct cone_solver *made) {
   if (!made) return;
+  eight_loads_free(made->eight);
   free(made->begun);
   free(made->room);
   free(made->whole);
@@ -720,6 +677,36 @@ POISE_EXPORT void poise_cones_renew(struct cone_solver *made) {
   keep_centre(made);
 }
 
+/* Begin at the centre that is kept. */
+static void begin(struct cone_solver *made) {
+  memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
+  made->solver.shared_weight = made->weight;
+  made->solver.denominator = made->denominator;
+}
+
+/* Where the answers of the loads from number q on are written to. */
+static struct cone_answers answers_from(const struct cone_solver *made, const struct cone_answers *all, int64_t q) {
+  const int64_t size = size_of(made->solver.program), rows = made->solver.at.rows + 1;
+  return (struct cone_answers){all->value + q,   all->upper + q, all->motion + q * size, all->multipliers + q * rows,
+                               all->outcome + q, all->steps + q};
+}
+
+/* Solve for loads eight at a time, as far as that takes less time than one by one. */
+static void solve_eights(struct cone_solver *made, int64_t loads, const double *load, const double *enough,
+                         const struct cone_answers *all) {
+  const struct cone_program *program = made->solver.program;
+  if (made->central <= 0 || loads < WORTHWHILE || program->bodies.count > FEW_BODIES) return;
+  if (!made->eight) made->eight = eight_loads_new(program, &made->solver.at);
+  if (!made->eight) return;
+  begin(made);
+  for (int64_t q = 0; q + WORTHWHILE <= loads; q += WIDTH) {
+    const struct cone_answers answers = answers_from(made, all, q);
+    const int64_t count = loads - q < WIDTH ? loads - q : WIDTH;
+    eight_loads_solve(made->eight, &made->solver, &made->iterate, count, load + q * size_of(program), enough + q,
+                      &answers);
+  }
+}
+
 /* For each load (loads, 6 n): the most of w y, what the multipliers prove that it is at most, y (6 n), and the
    multipliers (rows + 1, the shared row last). Where that is at most `enough` (loads), they need not be any closer.
    `outcome` (loads) is 0 where it was found; other answers are of no use. */
@@ -729,14 +716,16 @@ POISE_EXPORT void poise_cones_solve(struct cone_solver *made, int64_t loads, con
   struct solver *solver = &made->solver;
   struct iterate *it = &made->iterate;
   const int64_t size = size_of(solver->program), rows = solver->at.rows + 1;
+  const struct cone_answers answers = {value, upper, motion, multipliers, outcome, steps};
   for (int64_t q = 0; q < loads; q++) {
     outcome[q] = STUCK;
-    if (made->central < 0) continue;
     steps[q] = 0;
-    for (int careful = 0; careful < 2 && outcome[q] == STUCK; careful++) {
-      memcpy(made->room, made->begun, sizeof(double) * (size_t)made->kept);
-      solver->shared_weight = made->weight;
-      solver->denominator = made->denominator;
+  }
+  solve_eights(made, loads, load, enough, &answers);
+  for (int64_t q = 0; q < loads && made->central >= 0; q++) {
+    if (outcome[q] == SOLVED) continue;
+    for (int careful = steps[q] > 0; careful < 2 && outcome[q] == STUCK; careful++) {
+      begin(made);
       for (int64_t i = 0; i < size; i++) it->q[i] = -load[q * size + i];
       outcome[q] = solve_program(solver, it, made->central, careful, enough[q], steps + q);
     }

@@ -35,26 +35,26 @@ static POISE_INLINE void minor(const row_of_block *u, const int size, row_of_blo
   *out = (u[0] - side) * (u[0] + side);
 }
 
-/* The scaling for which W z = W^-1 s = `middle` (size); 0 when an s or z is not inside its cone. */
-static POISE_INLINE int scale(const row_of_block *s, const row_of_block *z, const int size, struct scaling *w,
-                              row_of_block *middle) {
+/* The scaling for which W z = W^-1 s = `middle` (size); `inside` becomes 0 in lanes whose s or z is not inside its cone. */
+static POISE_INLINE void scale(const row_of_block *s, const row_of_block *z, const int size, struct scaling *w,
+                               row_of_block *middle, row_of_block *inside) {
   const row_of_block none = {0.0}, one = none + 1.0;
+  only_positive(s, inside);
+  only_positive(z, inside);
   if (size == 1) {
-    const lanes_where inside = (s[0] > none) & (z[0] > none);
-    if (!all_of(&inside)) return 0;
     w->eta = s[0] / z[0];
     take_roots(&w->eta);
     w->back = one / w->eta;
     w->v[0] = one;
     middle[0] = s[0] * z[0];
     take_roots(middle);
-    return 1;
+    return;
   }
   row_of_block of_s, of_z;
   minor(s, size, &of_s);
   minor(z, size, &of_z);
-  const lanes_where inside = (of_s > none) & (of_z > none) & (s[0] > none) & (z[0] > none);
-  if (!all_of(&inside)) return 0;
+  only_positive(&of_s, inside);
+  only_positive(&of_z, inside);
   take_roots(&of_s);
   take_roots(&of_z);
   row_of_block product = none;
@@ -74,7 +74,6 @@ static POISE_INLINE int scale(const row_of_block *s, const row_of_block *z, cons
   for (int i = 1; i < size; i++) along += w->v[i] * z[i];
   middle[0] = w->eta * along;
   for (int i = 1; i < size; i++) middle[i] = w->eta * (z[i] + (z[0] + along) * w->share * w->v[i]);
-  return 1;
 }
 
 /* out = W u, or W^-1 u */
@@ -116,25 +115,37 @@ static POISE_INLINE void divide(const row_of_block *u, const row_of_block *v, co
 
 /* Let `most` be the longest steps from u along d that stay in the cones, where they are shorter than it. */
 static POISE_INLINE void reach(const row_of_block *u, const row_of_block *d, const int size, row_of_block *most) {
-  const row_of_block none = {0.0};
-  row_of_block least = CHOOSE(d[0] < none, -u[0] / d[0], none + INFINITY);
-  if (size > 1) {
-    row_of_block a = d[0] * d[0], b = u[0] * d[0], c;
-    for (int i = 1; i < size; i++) {
-      a -= d[i] * d[i];
-      b -= u[i] * d[i];
+  double on[WIDTH], off[WIDTH], as[WIDTH], bs[WIDTH], cs[WIDTH], shortest[WIDTH];
+  memcpy(on, u, sizeof on);
+  memcpy(off, d, sizeof off);
+  memcpy(shortest, most, sizeof shortest);
+  if (size == 1) {
+    for (int l = 0; l < WIDTH; l++) {
+      const double end = -on[l] / off[l], least = off[l] < 0.0 ? end : INFINITY;
+      shortest[l] = least < shortest[l] ? least : shortest[l];
     }
-    minor(u, size, &c);
-    c = CHOOSE(c > none, c, none);
-    const row_of_block root = b * b - a * c;
-    row_of_block side = CHOOSE(root > none, root, none);
-    take_roots(&side);
-    /* the first positive root of a t^2 + 2 b t + c; what is divided by nothing in lanes that do not end is not chosen */
-    const row_of_block found = CHOOSE((b < none) | (a >= none), c / (-b + side), (-b - side) / a);
-    const lanes_where ends = (a < none) | ((b < none) & (root >= none));
-    least = CHOOSE(ends & (found >= none) & (found < least), found, least);
+    memcpy(most, shortest, sizeof shortest);
+    return;
   }
-  *most = CHOOSE(least < *most, least, *most);
+  row_of_block square = d[0] * d[0], across = u[0] * d[0], inside;
+  for (int i = 1; i < size; i++) {
+    square -= d[i] * d[i];
+    across -= u[i] * d[i];
+  }
+  minor(u, size, &inside);
+  memcpy(as, &square, sizeof as);
+  memcpy(bs, &across, sizeof bs);
+  memcpy(cs, &inside, sizeof cs);
+  for (int l = 0; l < WIDTH; l++) { /* the first positive root of a t^2 + 2 b t + c */
+    const double a = as[l], b = bs[l], c = cs[l] > 0.0 ? cs[l] : 0.0, end = -on[l] / off[l];
+    const double root = b * b - a * c, side = sqrt(root > 0.0 ? root : 0.0);
+    const int other = (b < 0.0) | (a >= 0.0), ends = (a < 0.0) | ((b < 0.0) & (root >= 0.0));
+    const double found = (other ? c : -b - side) / (other ? -b + side : a);
+    double least = off[l] < 0.0 ? end : INFINITY;
+    least = ends & (found >= 0.0) & (found < least) ? found : least;
+    shortest[l] = least < shortest[l] ? least : shortest[l];
+  }
+  memcpy(most, shortest, sizeof shortest);
 }
 
 #endif

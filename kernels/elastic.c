@@ -204,16 +204,17 @@ static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eig
   take_roots(&slide);
   const row_of_block follows = -lanes->friction[eight] * k, pressed = CHOOSE(closed, motion[0], none);
   const row_of_block limit = lanes->bounds ? lanes->bounds[eight] : follows * pressed;
-  const lanes_where slips = k * slide > limit, coupled = slips & closed;
+  const lanes_where slips = k * slide > limit;
   const row_of_block safe = CHOOSE(slide > none, slide, one), first = motion[1] / safe, second = motion[2] / safe;
+  const row_of_block coupled = CHOOSE(closed, follows, none);
   const row_of_block turning = CHOOSE(slips, limit / safe, none);
   const row_of_block sticking = (CHOOSE(slips, none, one) + damping) * k;
   own[NORMAL] = (CHOOSE(closed, one, none + SPARE) + damping) * k;
   own[FIRST] = sticking + turning * second * second;
   own[SECOND] = sticking + turning * first * first;
   own[BETWEEN] = -turning * first * second;
-  own[FIRST_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * first, none);
-  own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(coupled, follows * second, none);
+  own[FIRST_FOLLOWS] = lanes->bounds ? none : CHOOSE(slips, coupled * first, none);
+  own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(slips, coupled * second, none);
 }
 
 /* The stiffness of `bodies`, which are those of the contacts in any order; only of pairs that are `coupled`, where that

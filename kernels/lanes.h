@@ -18,10 +18,21 @@ static POISE_INLINE void take_roots(row_of_block *row) {
   memcpy(row, lanes, sizeof lanes);
 }
 
-static POISE_INLINE int all_of(const lanes_where *where) {
-  int64_t found = -1;
-  for (int l = 0; l < WIDTH; l++) found &= (*where)[l];
-  return found != 0;
+/* Let `fine` be 0 in lanes in which a number is not positive. Loops like this one become vectors of comparisons; GCC 12
+   takes combinations of vectors of comparisons one lane after the other. */
+static POISE_INLINE void only_positive(const row_of_block *row, row_of_block *fine) {
+  double lanes[WIDTH], kept[WIDTH];
+  memcpy(lanes, row, sizeof lanes);
+  memcpy(kept, fine, sizeof kept);
+  for (int l = 0; l < WIDTH; l++) kept[l] = lanes[l] > 0.0 ? kept[l] : 0.0;
+  memcpy(fine, kept, sizeof kept);
+}
+
+static POISE_INLINE int all_of(const row_of_block *fine) {
+  double lanes[WIDTH], least = 1.0;
+  memcpy(lanes, fine, sizeof lanes);
+  for (int l = 0; l < WIDTH; l++) least = lanes[l] < least ? lanes[l] : least;
+  return least > 0.0;
 }
 
 #endif

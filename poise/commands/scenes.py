@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import Analysis, Assembly, Settled, settle
-from poise.assembly.robustness import EXPLAINED, Assessment, likely_cause, rolling_findings
+from poise.assembly.robustness import EXPLAINED, Assessment, balance_findings, likely_cause, rolling_findings
 from poise.assembly.scene import scene_findings, with_pose_covariance
 from poise.assembly.statics import Deadline, unstable
 from poise.commands.output import finding_json, warn
@@ -90,13 +90,14 @@ def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:
 
 
 def findings_json(analysis: Analysis) -> list[dict[str, Any]]:
-    """What is probably wrong in a scene, and what in it can roll, as the contract writes findings; warns of the last.
+    """What is probably wrong in a scene, and what in it can roll or only balances, as findings; warns of the last two.
 
     Args:
         analysis: whose stability is known.
     """
-    rolls = rolling_findings(analysis)
-    for each in rolls:
+    rolls, balances = rolling_findings(analysis), balance_findings(analysis)
+    for each in (*rolls, *balances):
         warn(each.sentence)
     found = [finding_json(ErrorCode.CAN_ROLL, each.sentence, each.evidence) for each in rolls]
+    found += [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in balances]
     return scene_findings_json(analysis.assembly) + found

@@ -48,6 +48,9 @@ def assembled(
     if floor is not None:
         middle = Pose(np.eye(3), np.array([0.0, 0.0, floor - _FLOOR_SIZE[2] / 2]))
         objects.append(RigidObject(_FLOOR, Box(_FLOOR_SIZE), middle, fixed=True))
+    if not any(item.fixed for item in objects):
+        what = "nothing in the file is fixed; add a floor: poise scene FILE --floor 0 --output scene.yaml"
+        raise InputError(ErrorCode.BAD_INPUT, what)
     general, pairs = _friction(world, friction, notes)
     return Assembly(tuple(objects), world.gravity, general, pairs), tuple(notes)
 
@@ -58,7 +61,7 @@ def _object(body: WorldBody, mass: float | None, notes: list[str]) -> RigidObjec
     if body.fixed and mass is None:
         return RigidObject(body.name, shape, pose, fixed=True)
     if body.inertial is None and mass is None:
-        notes.append(f"{body.name}: the file has no mass for it; it is fixed")
+        notes.append(f"{body.name}: the file has no mass for it, or 0; it is fixed")
         return RigidObject(body.name, shape, pose, fixed=True)
     com = inertia = None
     if body.inertial is not None:

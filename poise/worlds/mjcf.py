@@ -172,7 +172,7 @@ class _Reading:
         pose = Pose(_rotation(model.geom_quat[geom]), np.array(model.geom_pos[geom]))
         kind = _KINDS.get(int(model.geom_type[geom]), "")
         if kind == "plane":
-            pose = pose @ Pose(np.eye(3), np.array([0.0, 0.0, -solids.PLANE_DEPTH]))
+            pose = pose @ solids.below_plane()
         shape = self._mesh(geom) if kind == "mesh" else _primitive(kind, np.array(model.geom_size[geom]))
         if shape is None:
             self._notes.append(f"{self._geom_name(geom)}: a height field or a signed distance is not read; left out")

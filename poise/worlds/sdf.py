@@ -20,7 +20,15 @@ from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WORLD, WorldLink, grouped
 from poise.worlds.mesh_beside import stl_bytes, stl_name
 from poise.worlds.mesh_sources import found_file, scaled_mesh
-from poise.worlds.xml_tree import AXES_OF_INERTIA, inertial_at, numbers_of, pose_of_rpy, read_xml, xyz_rpy_of
+from poise.worlds.xml_tree import (
+    AXES_OF_INERTIA,
+    direction_of,
+    inertial_at,
+    numbers_of,
+    pose_of_rpy,
+    read_xml,
+    xyz_rpy_of,
+)
 
 _GRAVITY = "0 0 -9.8"
 _FRICTION = 1.0
@@ -174,7 +182,7 @@ def _solid(collision: ET.Element, folder: Path, where: str) -> WorldSolid | None
         return None
     pose = _pose(collision, where)
     if geometry is not None and geometry.find("plane") is not None:
-        pose = pose @ Pose(np.eye(3), np.array([0.0, 0.0, -solids.PLANE_DEPTH]))
+        pose = pose @ solids.below_plane(direction_of(geometry.findtext("plane/normal"), f"{where}: plane/normal"))
     mu = collision.findtext("surface/friction/ode/mu") or collision.findtext("surface/friction/bullet/friction")
     return WorldSolid(shape, pose, None if mu is None else float(numbers_of(mu, 1, f"{where}: mu")[0]))
 

@@ -13,7 +13,7 @@ from poise.worlds import solids
 from poise.worlds.base import WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WORLD, WorldLink, grouped
 from poise.worlds.mesh_sources import scaled_mesh
-from poise.worlds.xml_tree import AXES_OF_INERTIA, inertial_at, numbers_of, pose_of_rpy, read_xml
+from poise.worlds.xml_tree import AXES_OF_INERTIA, direction_of, inertial_at, numbers_of, pose_of_rpy, read_xml
 
 
 class UrdfFormat(WorldFormat):
@@ -85,8 +85,16 @@ def _link(link: ET.Element, pose: Pose, folder: Path) -> WorldLink:
     name = link.get("name", "")
     friction = link.find("contact/lateral_friction")
     mu = None if friction is None else float(numbers_of(friction.get("value"), 1, f"{name}: lateral_friction")[0])
-    found = [WorldSolid(_shape(each, folder, name), _origin(each, name), mu) for each in link.findall("collision")]
+    found = [WorldSolid(_shape(each, folder, name), _place(each, name), mu) for each in link.findall("collision")]
     return WorldLink(name, pose, tuple(found), _inertial(link.find("inertial"), name))
+
+
+def _place(collision: ET.Element, where: str) -> Pose:
+    """Where the shape of a collision is in its link."""
+    plane = collision.find("geometry/plane")  # of PyBullet
+    if plane is None:
+        return _origin(collision, where)
+    return _origin(collision, where) @ solids.below_plane(direction_of(plane.get("normal"), f"{where}: plane normal"))
 
 
 def _inertial(element: ET.Element | None, where: str) -> InertialParameters | None:
@@ -94,6 +102,8 @@ def _inertial(element: ET.Element | None, where: str) -> InertialParameters | No
     if element is None or mass is None:
         return None
     kilograms = float(numbers_of(mass.get("value"), 1, f"{where}: mass")[0])
+    if kilograms == 0:  # what does not move, in PyBullet
+        return None
     tensor = element.find("inertia")
     if tensor is None:
         return inertial_at(kilograms, _origin(element, where), None)
@@ -118,6 +128,9 @@ def _shape(collision: ET.Element, folder: Path, where: str) -> Shape:
         return solids.capsule(float(read("radius")[0]), float(read("length")[0]))
     if kind.tag == "sphere":
         return solids.sphere(float(read("radius")[0]))
+    if kind.tag == "plane":
+        return solids.plane()
     if kind.tag == "mesh":
         return scaled_mesh(kind.get("filename", ""), folder, read("scale", 3, "1 1 1"))
-    raise InputError(ErrorCode.UNSUPPORTED, f"{where}: a collision shape <{kind.tag}>")
+    what = f"{where}: a collision shape <{kind.tag}> is not read; box, cylinder, capsule, sphere, mesh and plane are"
+    raise InputError(ErrorCode.UNSUPPORTED, what)

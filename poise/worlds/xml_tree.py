@@ -51,6 +51,18 @@ def numbers_of(text: str | None, count: int, where: str, default: str = "") -> A
     return values
 
 
+def direction_of(text: str | None, where: str) -> Array:
+    """(3,) three numbers that are not all 0; z for no text.
+
+    Raises:
+        InputError: BAD_INPUT for anything else.
+    """
+    found = numbers_of(text, 3, where, "0 0 1")
+    if not found.any():
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: {text!r} has no direction")
+    return found
+
+
 AXES_OF_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 

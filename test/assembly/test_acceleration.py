@@ -7,6 +7,7 @@ from assembly_scenes import FLOOR, G, box, on_floor
 
 from poise.assembly import Analysis, Assembly, RigidObject, acceleration_limits
 from poise.assembly.robustness.elastic_limits import inertial_loads
+from poise.assembly.robustness.gravity_cone import GravityCone
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 
@@ -41,6 +42,27 @@ def test_a_block_bears_g_plus_rise_times_the_lesser_of_friction_and_slenderness(
     direction = np.array([[bound, 0, rise]])
     found = acceleration_limits(block, direction)
     assert found.limits[0] == pytest.approx(np.linalg.norm(direction), rel=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 40.0])
+def test_at_the_edge_of_friction_nothing_accelerates_away_from_it(degrees):
+    """Without friction, or on a slope of the angle of friction, a limit down the slope is 0, not that of tipping."""
+    slope = np.radians(degrees)
+    cube = scenes.cube(friction=float(np.tan(slope)))
+    tilted = Assembly(cube.objects, G * np.array([np.sin(slope), 0.0, -np.cos(slope)]), cube.friction)
+    cone = GravityCone(*single_interface(tilted))
+    (down, up), slips = cone.factors(tilted.gravity, np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    assert down == pytest.approx(0, abs=1e-6)
+    # Up the slope: g sin - s = -mu g cos.
+    assert up == pytest.approx(2 * G * np.sin(slope), rel=1e-6, abs=1e-6)
+    assert slips.all()
+
+
+def single_interface(assembly):
+    """What `GravityCone` takes of a scene with one object."""
+    (block,) = Analysis.of(assembly).blocks
+    (movable,) = (item for item in assembly.objects if not item.fixed)
+    return block.interfaces[0], block.block.supports[0][1] == 0, movable.com_in_world
 
 
 def test_accelerating_upward_is_sustained_for_ever_and_falling_until_gravity_is_gone():

@@ -1,5 +1,7 @@
 """Compiled programs and elastic contacts of blocks of bodies against their forms in Python."""
 
+import dataclasses
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
@@ -55,6 +57,30 @@ def test_loads_that_are_asked_together_are_answered_as_one_by_one(block) -> None
             assert np.array_equal(found.twist, alone.twist)
             assert (found.multipliers is None) == (alone.multipliers is None)
             assert found.multipliers is None or np.array_equal(found.multipliers, alone.multipliers)
+
+
+@pytest.mark.parametrize("equal", [False, True])
+@pytest.mark.parametrize("program", ["limit", "patch"])
+def test_eight_loads_side_by_side_are_answered_as_each_alone(block, program: str, equal: bool) -> None:
+    """To the last bit, whichever other loads are in the lanes beside it, and in lanes that end early or are lost."""
+    solver = getattr(block.solvers, program)
+    solver = getattr(solver, "resting", solver)
+    if solver is None:
+        pytest.skip("patches do not hold this block")
+    rows = dataclasses.replace(solver._program._rows, equal=equal)
+    asked = pair_program.PairProgram(rows, solver._program._tolerance, solver._program.order)
+    given = loads(6 * block.geometry.count, 21)
+    given[:4] *= np.array([[1e-9], [1e-3], [1e3], [1e6]])
+    given[5] = block.geometry.gravity.ravel()
+    given[6] = 0.0
+    enough = np.full(21, -np.inf)
+    enough[7:10] = np.abs(given[7:10]).max(axis=1)
+    together = asked._compiled.solve(given[:, asked.order.entries], enough)
+    assert equal or (together.outcome == 0).sum() > 6
+    for row in range(len(given)):
+        alone = asked._compiled.solve(given[row : row + 1, asked.order.entries], enough[row : row + 1])
+        for found, one in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(found[row], one[0])
 
 
 def pushed_table(pushes: list[Push]) -> tuple[BlockAnalysis, Array]:

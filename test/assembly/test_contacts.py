@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import FLOOR, box, fixed_box, on_floor, turned
 from scipy.spatial.transform import Rotation
 
-from poise.assembly import Assembly, RigidObject
+from poise.assembly import Assembly, Mesh, Push, RigidObject, assess
 from poise.assembly.contact.contacts import CONTACT_MARGIN, find_interfaces
 from poise.assembly.contact.graph import Structure
 from poise.assembly.contact.placed import PlacedBody, triangle_areas
@@ -189,3 +189,46 @@ def test_facets_of_a_box_close_around_its_volume():
     assert triangle_areas(body.vertices[body.polyhedron.triangles]).sum() == pytest.approx(22)
     heights = np.einsum("vfk,fk->vf", body.vertices[:, None] - body.origins, body.normals)
     assert heights.max() < 1e-9
+
+
+def test_a_thin_object_touches_within_half_its_thickness():
+    """1.5 mm of a sheet of 1 mm would reach through it, and from a grain of 2 mm to the next one."""
+    for height, code in ((1.7e-3, ErrorCode.FLOATING), (-0.2e-3, ErrorCode.INTERPENETRATION)):
+        with pytest.raises(InputError, match=r"0.5 mm") as error:
+            Structure.of(on_floor(box("sheet", (0.2, 0.2, 0.001), (0, 0, height))))
+        assert error.value.code == code
+    assert only(on_floor(box("sheet", (0.2, 0.2, 0.001), (0, 0, 0.9e-3)))).gap == pytest.approx(0.4e-3)
+    grains = [box(name, (0.002,) * 3, (x, 0, 0.001), mass=1e-5) for name, x in (("a", 0.0), ("b", 0.0034))]
+    assert {(each.first, each.second) for each in find_interfaces(on_floor(*grains))} == {(0, 1), (0, 2)}
+    tray = shells_of_tray(0.001)
+    assert RigidObject("tray", tray, Pose.identity(), mass=0.1).shape.polyhedron.thickness < 0.0011
+
+
+def shells_of_tray(wall):
+    """A tray of sheet metal: two boxes, one in the other, open at the top."""
+    outer, inner = np.array([0.3, 0.2, 0.03]), np.array([0.3, 0.2, 0.03]) - [2 * wall, 2 * wall, wall]
+    corners = np.array([[x, y] for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))])
+    low, high = np.c_[corners * outer[:2], np.zeros(4)], np.c_[corners * outer[:2], np.full(4, outer[2])]
+    rim, bottom = np.c_[corners * inner[:2], np.full(4, outer[2])], np.c_[corners * inner[:2], np.full(4, wall)]
+    quads = [[3, 2, 1, 0], [12, 13, 14, 15]]
+    for i in range(4):
+        j = (i + 1) % 4
+        quads += [[i, j, 4 + j, 4 + i], [4 + i, 4 + j, 8 + j, 8 + i], [8 + i, 8 + j, 12 + j, 12 + i]]
+    triangles = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+    return Mesh(np.concatenate([low, high, rim, bottom]), np.array(triangles))
+
+
+def test_objects_do_not_touch_through_what_lies_between_them():
+    """A cup on five sheets of paper presses on the topmost, and a sheet slides with all that is above it."""
+    sheets = [box(f"s{i}", (0.21, 0.297, 1e-4), (0, 0, (i + 0.5) * 1e-4), mass=0.005) for i in range(5)]
+    stack = on_floor(*sheets, box("cup", (0.08, 0.08, 0.1), (0, 0, 0.0505), mass=0.3))
+    assert {(each.first, each.second) for each in find_interfaces(stack)} == {(i, i + 1) for i in range(6)}
+    found = assess(stack, [Push("s2", (-0.105, 0, 2.5e-4), (1, 0, 0))]).results[0]
+    assert found.robustness == pytest.approx(0.5 * 0.315 * 9.81, rel=1e-3)
+    assert found.moves == ("s2", "s3", "s4", "cup")
+    # What fills a part of the gap only, as a shim under a plate, takes no contact away.
+    shim = box("shim", (0.05, 0.05, 1e-3), (0.1, 0, 0.5e-3))
+    pairs = {
+        (each.first, each.second) for each in find_interfaces(on_floor(shim, box("p", (0.4, 0.4, 0.02), (0, 0, 0.011))))
+    }
+    assert pairs == {(0, 1), (0, 2), (1, 2)}

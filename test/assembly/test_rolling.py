@@ -22,7 +22,7 @@ from poise.assembly import (
     assess,
     robustness_map,
 )
-from poise.assembly.robustness import rolling_findings
+from poise.assembly.robustness import balance_findings, rolling_findings
 from poise.assembly.scene import ROLLING
 from poise.assembly.statics import ROLLING_TOGETHER, Deadline, rolling
 from poise.assembly.statics.rolling import _null_space as null_space
@@ -274,3 +274,18 @@ def test_what_rolls_together_is_found_in_large_groups_too_and_what_was_not_asked
     unasked = [sentence for sentence in sentences if "not looked for" in sentence]
     assert len(unasked) == int(count + 3 > ROLLING_TOGETHER)
     assert any("may roll" in sentence for sentence in sentences)
+
+
+def test_what_balances_on_an_edge_is_said_and_what_hangs_from_one_is_not():
+    """Its margin of pressure is all of its weight, but any push tips it."""
+    turned, up = scenes.turned((0, 1, 0), 45), 0.05 * np.sqrt(2)
+    on_edge = scenes.on_floor(scenes.box("cube", (0.1,) * 3, (0, 0, up), quaternion=turned))
+    (finding,) = balance_findings(Analysis.of(on_edge))
+    assert finding.sentence == "cube: balances on an edge or a point; the least push or tilt tips it"
+    assert assess(on_edge, [Push("cube", (0, 0, 2 * up), (1, 0, 0))]).results[0].robustness == 0
+    ridge = scenes.fixed_box("ridge", (0.1, 0.3, 0.1), (0, 0, -up), quaternion=turned)
+    plank = scenes.box("plank", (0.4, 0.1, 0.02), (0, 0, 0.01), com=np.array([0.0, 0.0, -0.1]))
+    hung = Assembly((ridge, plank), np.array([0.0, 0.0, -G]), 0.5)
+    assert not balance_findings(Analysis.of(hung))
+    assert not balance_findings(Analysis.of(scenes.stack(3)))
+    assert not balance_findings(Analysis.of(scenes.table()))

@@ -121,3 +121,19 @@ def test_a_rigid_cart_on_two_wheels_in_one_mesh_does_not_roll():
         RigidObject("cart", mesh, scenes.pose((0, 0, -float(mesh.vertices[:, 2].min()))), mass=1.0)
     )
     assert limits(assembly).min() == pytest.approx(0.5 * G, rel=0.01)
+
+
+@pytest.mark.parametrize("axes", [(1.0, 1.0, 1.5), (1.5, 1.25, 1.0), (2.0, 1.5, 0.5)])
+def test_an_egg_rolls_and_is_not_held_by_its_facets(axes):
+    """Its radii differ by direction: its facets were flat, and held it up to 0.07 g without a word."""
+    surface = trimesh.creation.icosphere(3, R).apply_scale(axes)
+    least = np.zeros(3)
+    least[np.argmin(axes)] = -1.0
+    down = surface.face_normals[int(np.argmax(surface.face_normals @ least))]  # as it comes to rest
+    assembly = rolls.mesh_on_floor(surface, down)
+    found = acceleration_limits(assembly, 36, turning=False).limits
+    # The contact force may act `rolling` radii ahead, at most those of the flattest direction.
+    assert found.max() < 1.3 * ROLLING * G * max(axes) ** 2 / min(axes) ** 2
+    (rolls_there,) = rolling(Analysis.of(assembly))
+    if axes == (2.0, 1.5, 0.5):  # both radii under it are larger than its height: a pebble rocks
+        assert rolls_there.equilibrium == "stable"

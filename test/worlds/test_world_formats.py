@@ -215,7 +215,7 @@ def test_a_urdf_is_one_object_that_needs_a_floor(tmp_path: Path) -> None:
         <joint name="j" type="fixed"><origin xyz="0 0 0.205"/><parent link="body"/><child link="cap"/></joint>
         </robot>"""
     )
-    with pytest.raises(InputError, match="none is fixed"):
+    with pytest.raises(InputError, match="nothing in the file is fixed"):
         read_world(tmp_path / "bottle.urdf")
     scene, notes = read_world(tmp_path / "bottle.urdf", friction=0.5, floor=0.0)
     bottle = scene.objects[0]
@@ -316,7 +316,7 @@ def test_a_planning_scene_comes_back(tmp_path: Path, ending: str) -> None:
         assert a.fixed == b.fixed
         assert type(a.shape) is type(b.shape)
         np.testing.assert_allclose(np.sort(b.vertices, axis=0), np.sort(a.vertices, axis=0), atol=1e-9)
-    assert "floor: the file has no mass for it; it is fixed" in notes
+    assert "floor: the file has no mass for it, or 0; it is fixed" in notes
     with pytest.raises(InputError, match="there is no lid"):
         read_world(tmp_path / f"a{ending}", masses={"lid": 1.0})
 

@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from poise.assembly.contact.patches import patches_between
-from poise.assembly.contact.penetration import penetration_depth
+from poise.assembly.contact.penetration import penetration_depth, winding_number
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, hull_corners, placed, triangle_areas
 from poise.assembly.contact.round_touch import joint_touch, mesh_touch, resting_normal, widened
 from poise.assembly.contact.touching import FACE_ANGLE, NO_TRIANGLES
-from poise.assembly.scene import Assembly
+from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import unit
 from poise.types import Array, Indices
@@ -19,6 +19,10 @@ from poise.types import Array, Indices
 _Kept = TypeVar("_Kept")
 CONTACT_MARGIN = 1.5e-3
 """Gaps and overlaps up to this, in m, count as touching: what a scan leaves between bodies that touch."""
+_WALL = 0.5
+"""Share of the thickness of a body that may be a gap or an overlap: more, and it would touch what is behind it."""
+_FLUSH = 1e-5
+"""m; a wider gap may be filled by other bodies."""
 _ROWS, _SOON = 500, 100
 """Objects whose bounds are compared with those of all others at once, and pairs searched for contacts in any case."""
 
@@ -81,6 +85,11 @@ class Interface:
         return found
 
 
+def margin_of(item: RigidObject, margin: float = CONTACT_MARGIN) -> float:
+    """m that counts as touching at an object: of thin ones, less of `CONTACT_MARGIN` than of others."""
+    return margin - max(CONTACT_MARGIN - _WALL * item.shape.polyhedron.thickness, 0.0)
+
+
 def find_interfaces(
     assembly: Assembly,
     margin: float = CONTACT_MARGIN,
@@ -91,7 +100,7 @@ def find_interfaces(
 
     Args:
         assembly: the objects.
-        margin: gaps and overlaps up to this count as touching, m.
+        margin: gaps and overlaps up to this count as touching, m; at thin objects less, see `margin_of`.
         only: look at pairs with one of these ids alone.
         late: whether time is up; asked before each pair but the first ones.
 
@@ -102,7 +111,7 @@ def find_interfaces(
     bodies = [placed(item) for item in assembly.objects]
     wanted = None if only is None else np.flatnonzero([item.id in only for item in assembly.objects])
     interfaces: list[Interface] = []
-    pairs = _pairs_near(bodies, margin, wanted)
+    pairs, bounds = _pairs_near(bodies, margin, wanted), np.array([body.bounds for body in bodies])
     for number, (i, j) in enumerate(pairs):
         if number >= _SOON and late():
             raise NoAnswerError(
@@ -113,13 +122,28 @@ def find_interfaces(
                 of=len(pairs),
             )
         first, second = bodies[i], bodies[j]
-        _check_overlap(first, second, margin)
+        near = min(margin_of(first.item, margin), margin_of(second.item, margin))
+        _check_overlap(first, second, near)
         names = first.item.id, second.item.id
         friction, rolling = assembly.friction_between(*names), assembly.rolling_between(*names)
-        for group in _by_plane(patches_between(first, second, margin), margin):
+        for group in _by_plane(patches_between(first, second, near), near):
             found = _merged(group, i, j, (first, second))
-            interfaces.append(found.with_friction(friction, rolling))
+            if found.gap <= _FLUSH or not _filled(found, bodies, bounds):
+                interfaces.append(found.with_friction(friction, rolling))
     return interfaces
+
+
+def _filled(interface: Interface, bodies: list[PlacedBody], bounds: Array) -> bool:
+    """Whether other bodies, of bounds (N, 2, 3), fill a gap everywhere: its bodies touch those, not each other."""
+    middle = interface.points.mean(axis=0)
+    spots = [middle + 0.98 * (interface.points - middle), interface.triangles.mean(axis=1).reshape(-1, 3), middle[None]]
+    heights = interface.gap * np.array([-0.31, 0.0, 0.27])  # from the middle of the gap
+    left = (np.concatenate(spots)[:, None] + heights[:, None] * interface.normal).reshape(-1, 3)
+    low, high = left.min(axis=0), left.max(axis=0)
+    for place in np.flatnonzero(np.all((bounds[:, 0] <= high) & (bounds[:, 1] >= low), axis=1)).tolist():
+        if place not in (interface.first, interface.second):
+            left = left[winding_number(left, bodies[place].corners, bodies[place].triangle_bounds) <= 0]
+    return not len(left)
 
 
 def overlapping(assembly: Assembly, allowed: Array | float = 0.0) -> list[tuple[int, int, float]]:
@@ -132,7 +156,7 @@ def overlapping(assembly: Assembly, allowed: Array | float = 0.0) -> list[tuple[
     bodies, reach = [placed(item) for item in assembly.objects], np.broadcast_to(allowed, len(assembly.objects))
     found = []
     for i, j in _pairs_near(bodies, 0.0):
-        margin = float(CONTACT_MARGIN + reach[i] + reach[j])
+        margin = min(margin_of(bodies[place].item) for place in (i, j)) + float(reach[i] + reach[j])
         depth = _overlap(bodies[i], bodies[j], margin)
         if depth > margin:
             found.append((i, j, depth))
@@ -183,7 +207,7 @@ def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None
         names = first.item.id, second.item.id
         raise InputError(
             ErrorCode.INTERPENETRATION,
-            f"objects {names[0]} and {names[1]} overlap by {depth * 1e3:.2f} mm (up to {margin * 1e3:g} mm is taken "
+            f"objects {names[0]} and {names[1]} overlap by {depth * 1e3:.3g} mm (up to {margin * 1e3:.3g} mm is taken "
             "as touching); move one of them, or state how uncertain the poses are (pose_std)",
             objects=names,
             depth=depth,

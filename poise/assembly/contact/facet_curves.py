@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from poise.assembly.scene import Polyhedron
-from poise.geometry import unit
+from poise.geometry import plane_axes, unit
 from poise.types import Array
 
 _SMOOTH = np.radians(31.0)
@@ -28,7 +28,7 @@ class FacetCurve:
         middle: (3,) m, on the facet.
         normal: (3,) outwards.
         along: (3,) unit vector in which it is straight, as on cylinders and cones; None: it is round every way.
-        radius: m, at the middle.
+        radius: m, at the middle; the lesser one where it is not equally round every way.
         slope: by which the radius grows along it, m per m.
     """
 
@@ -119,24 +119,45 @@ def _chord(first: _Step, second: _Step) -> tuple[float, float]:
 
 
 def _ball_radius(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> float | None:
-    """m, of the ball that a facet and its neighbours, on all sides, are of; None where they are not."""
+    """m, of the ball or egg that a facet and its neighbours, on all sides, are of; None where they are not."""
     areas = polyhedron.facet_areas
     if areas[facet] > _WIDER**2 * np.median(areas[[step.facet for step in steps]]):
         return None
-    radii = _radii_around(polyhedron, facet, steps)
+    runs = _runs_around(polyhedron, facet, steps)
     for step in steps:
         around, whole = _steps(polyhedron, step.facet)
         if not whole:
             return None
-        radii += _radii_around(polyhedron, step.facet, around)
+        runs += _runs_around(polyhedron, step.facet, around)
+    radii = [radius for _, radius in runs]
     middle = float(np.median(radii))
-    return middle if max(_ratio(radius, middle) for radius in radii) <= _ALIKE else None
+    if max(_ratio(radius, middle) for radius in radii) <= _ALIKE:
+        return middle
+    return _egg_radius(polyhedron.normals[facet], np.array([run for run, _ in runs]), np.array(radii))
 
 
-def _radii_around(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> list[float]:
-    centres = polyhedron.facet_centres
-    runs = [float(np.linalg.norm(centres[step.facet] - centres[facet])) for step in steps]
-    return [run / (2 * np.sin(step.angle / 2)) for run, step in zip(runs, steps, strict=True)]
+def _egg_radius(normal: Array, runs: Array, radii: Array) -> float | None:
+    """m, the lesser radius of a side that is round, but not equally in all directions; None where it is not.
+
+    Curvature in the direction d is d K d (Euler), with K of the facet and its neighbours. A body on such a side falls,
+    rolls or rocks first in the direction of the lesser radius.
+    """
+    along = unit(runs @ plane_axes(normal).T)
+    square = np.stack([along[:, 0] ** 2, 2 * along[:, 0] * along[:, 1], along[:, 1] ** 2], axis=1)
+    (a, b, c), *_ = np.linalg.lstsq(square, 1 / radii, rcond=None)
+    low, high = np.linalg.eigvalsh(np.array([[a, b], [b, c]]))
+    if low <= 0:
+        return None
+    fitted = square @ [a, b, c] * radii
+    return float(1 / high) if max(fitted.max(), 1 / fitted.min()) <= _ALIKE else None
+
+
+def _runs_around(polyhedron: Polyhedron, facet: int, steps: list[_Step]) -> list[tuple[Array, float]]:
+    """To each neighbour: from middle to middle, (3,) m, and the radius of the circle of which that is a chord."""
+    runs = [polyhedron.facet_centres[step.facet] - polyhedron.facet_centres[facet] for step in steps]
+    return [
+        (run, float(np.linalg.norm(run)) / (2 * np.sin(step.angle / 2))) for run, step in zip(runs, steps, strict=True)
+    ]
 
 
 def _ratio(first: float, second: float) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
+from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces, margin_of
 from poise.assembly.contact.penetration import distance_between
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
@@ -39,7 +39,7 @@ class Structure:
     Args:
         assembly: the objects.
         interfaces: where they touch; cycles are allowed.
-        margin: what counts as touching, m.
+        margin: what counts as touching, m; at thin objects less, see `margin_of`.
     """
 
     assembly: Assembly
@@ -132,9 +132,10 @@ class Structure:
     def _check_connected(self) -> None:
         if self.floating:
             names = [self.assembly.objects[place].id for place in self.floating]
+            margin = margin_of(self.assembly.objects[self.floating[0]], self.margin)
             raise InputError(
                 ErrorCode.FLOATING,
-                f"nothing holds {', '.join(names[:5])}: no contact within {self.margin * 1e3:g} mm leads to a fixed "
+                f"nothing holds {', '.join(names[:5])}: no contact within {margin * 1e3:.3g} mm leads to a fixed "
                 f"body; {self._gap_below()}; check the poses, or give pose_std for poses of a camera",
                 objects=names,
             )

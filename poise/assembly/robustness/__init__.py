@@ -5,7 +5,7 @@
 - `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
-- `rolling_findings`: sentences about what stands but can roll.
+- `rolling_findings`: sentences about what stands but can roll, or balances.
 - `likely_cause`, `other_readings`: sentences about what is refused or falls, by other readings of the scene.
 """
 
@@ -29,7 +29,7 @@ from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robust
 from poise.assembly.robustness.patch_answers import ask_patches
 from poise.assembly.robustness.pose_intervals import SAMPLES, UncertainAssessment, assess_settled, carried
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
-from poise.assembly.robustness.rolling_findings import rolling_findings
+from poise.assembly.robustness.rolling_findings import balance_findings, rolling_findings
 from poise.assembly.robustness.sensitivity import Sensitivity, sensitivity
 from poise.assembly.robustness.turning_base import TurningBase
 from poise.assembly.robustness.uncertainty import MotionProbability, motion_probability
@@ -60,6 +60,7 @@ __all__ = [
     "ask_single_patch",
     "assess",
     "assess_settled",
+    "balance_findings",
     "both_factors",
     "carried",
     "check_elastic",

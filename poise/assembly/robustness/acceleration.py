@@ -157,10 +157,7 @@ def _block_limits(
     known = np.ones(len(directions), dtype=bool)
     if block.geometry.statically_determinate:
         members = block.block.members[0]
-        masses = np.array([objects[place].mass for place in members])
-        com = masses @ np.array([objects[place].com_in_world for place in members]) / masses.sum()
-        cone = GravityCone(block.interfaces[0], block.block.supports[0][1] == 0, com)
-        limits, _ = cone.factors(gravity, -directions)
+        limits, _ = GravityCone.of(block).factors(gravity, -directions)
         names = tuple(objects[place].id for place in members)
         return limits, lambda _: lambda: names, known, True
     # Slow: the directions around are left out of the polytope.

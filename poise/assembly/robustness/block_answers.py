@@ -23,8 +23,10 @@ CHECKED_SHARE = 0.98
 CHECKED_WEIGHTS = 1000.0
 """Loads without limit are checked at this many weights of the assembly."""
 
-_BODIES_AT_ONCE = 64
+_BODIES_AT_ONCE = 200
 """Bodies of the loads that a block is asked about between two looks at the deadline: some milliseconds."""
+_SIDE_BY_SIDE = 8
+"""Loads that the kernel computes together: of many, a multiple of this is asked about."""
 _AT_ONCE = 200
 """Loads on a single body that limit analysis is asked about between two looks at the deadline: some milliseconds."""
 
@@ -47,6 +49,12 @@ def both_factors(block: BlockAnalysis, loads: Array) -> list[list[InverseLoadFac
     return [list(both) for both in zip(limits, patch.inverse_factors(loads, limits, np.zeros(len(loads))), strict=True)]
 
 
+def loads_at_once(block: BlockAnalysis) -> int:
+    """Loads that a block is asked about between two looks at the deadline."""
+    number = max(1, _BODIES_AT_ONCE // block.geometry.count)
+    return number - number % _SIDE_BY_SIDE if number > _SIDE_BY_SIDE else number
+
+
 def ask_block(
     limit_loads: LimitLoads,
     block: BlockAnalysis,
@@ -61,7 +69,7 @@ def ask_block(
         The first answer to each question that was solved.
     """
     answers: dict[int, InverseLoadFactor] = {}
-    step = max(1, _BODIES_AT_ONCE // block.geometry.count)
+    step = loads_at_once(block)
     for start in range(0, len(loads), step):
         some = slice(start, start + step)
         if deadline.passed:

@@ -4,13 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from poise.assembly.robustness.block_answers import limit_by
+from poise.assembly.robustness.block_answers import limit_by, loads_at_once
 from poise.assembly.robustness.limit_loads import LimitLoads
 from poise.assembly.statics import BlockAnalysis, Deadline, ElasticFactor, InverseLoadFactor
 from poise.types import Array, Indices, Mask
-
-_BODIES_AT_ONCE = 200
-"""Bodies of the loads that patches are asked about between two looks at the deadline: some milliseconds."""
 
 
 def patch_factor(block: BlockAnalysis, load: Array, found: ElasticFactor) -> InverseLoadFactor | None:
@@ -40,7 +37,7 @@ def ask_patches(
     if block.solvers.patch is None:
         return
     solved = np.flatnonzero([question in limits for question in questions.tolist()])
-    step = max(1, _BODIES_AT_ONCE // block.geometry.count)
+    step = loads_at_once(block)
     for start in range(0, len(solved), step):
         if deadline.passed:
             limit_loads.give_up(questions[solved[start:]])

@@ -1,7 +1,8 @@
-"""Sentences about what stands but can roll, for answers that would otherwise only say that it stands."""
+"""Sentences about what stands but can roll, or balances, for answers that would otherwise only say that it stands."""
 
 import numpy as np
 
+from poise.assembly.robustness.gravity_cone import GravityCone
 from poise.assembly.scene import SceneFinding
 from poise.assembly.statics import (
     NO_DEADLINE,
@@ -14,6 +15,8 @@ from poise.assembly.statics import (
 )
 
 _NAMED = 4
+_BALANCED = 1e-6
+"""Share of an object's size within which its line of weight meets the edge of what carries it."""
 
 
 def rolling_findings(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> tuple[SceneFinding, ...]:
@@ -28,6 +31,21 @@ def rolling_findings(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> tu
         *(SceneFinding(_sentence(each), _evidence(each)) for each in found),
         *(SceneFinding(_unasked(count), {"bodies": float(count)}) for count in too_many_to_roll(analysis)),
     )
+
+
+def balance_findings(analysis: Analysis) -> tuple[SceneFinding, ...]:
+    """What only balances, on an edge or a point, as far as it is on one other body; its margin does not show that."""
+    gravity, found = np.asarray(analysis.assembly.gravity), []
+    for block in analysis.blocks:
+        if block.geometry.statically_determinate:
+            item = analysis.assembly.objects[block.block.members[0][0]]
+            if abs(GravityCone.of(block).spare(gravity)) <= _BALANCED * float(np.ptp(item.vertices, axis=0).max()):
+                found.append(item.id)
+    if not found:
+        return ()
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    what = f"{', '.join(found[:_NAMED])}{more}: balances on an edge or a point; the least push or tilt tips it"
+    return (SceneFinding(what, {"objects": float(len(found))}),)
 
 
 def _unasked(count: int) -> str:

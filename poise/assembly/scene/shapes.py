@@ -59,6 +59,15 @@ class Polyhedron:
         return [triangles[begin:end] for begin, end in pairwise([*first.tolist(), len(triangles)])]
 
     @cached_property
+    def thickness(self) -> float:
+        """m, the least side of the bounds in the object frame; of what is not convex, at most its mean wall."""
+        if self.convex:
+            return float(np.ptp(self.vertices, axis=0).min())
+        a, b, c = np.moveaxis(self.vertices[self.triangles] - self.vertices[0], 1, 0)
+        volume = float(np.einsum("ij,ij->", a, cross(b, c))) / 6
+        return min(float(np.ptp(self.vertices, axis=0).min()), 2 * volume / float(self.facet_areas.sum()))
+
+    @cached_property
     def facet_areas(self) -> Array:
         """(F,) m2."""
         return self._facet_moments[0]

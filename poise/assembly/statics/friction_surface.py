@@ -78,6 +78,7 @@ class FrictionSurface:
         first, like = self._azimuths(48)
         some = np.vstack([half[:, first].reshape(-1, 3), [0.0, 0.0, 1.0]])
         speeds = self.dissipation(some[:, :2], some[:, 2] / self.radius)
+        speeds[speeds == 0] = 1.0  # a point turns against nothing: its radius of next to nothing says that
         half = half / speeds[:-1].reshape(24, -1)[:, like, None]
         half = np.vstack([half.reshape(-1, 3), [0.0, 0.0, 1.0 / speeds[-1]]])
         return np.concatenate([half, -half])

@@ -23,6 +23,8 @@ _PRESSED = 1e-6
 _SETTLED, _MOVES = 0.05, 4
 _LOOKED_AT = 100
 """Interfaces beyond a simple bound on friction whose limit surface is looked at."""
+# Fewer forces than this are looked at one by one: arrays take longer.
+_FORCES_AT_ONCE = 12
 # Inverse load factors this much above those of limit analysis are worth moving the centres for.
 _WEAKER = 1.01
 # In blocks of more interfaces than this, patches less than twice as long as wide are one cell (3 % instead of 1.5 %).
@@ -130,28 +132,31 @@ class PatchProgram:
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        known = self.at_rest(loads, limits, enough) if resting is None else resting
-        rows = zip(loads, limits, enough.tolist(), known, strict=True)
-        return [limit if one is None else self._moved(load, limit, least, one) for load, limit, least, one in rows]
+        known = list(self.at_rest(loads, limits, enough) if resting is None else resting)
+        weaker: list[tuple[int, Array]] = []
+        for row, (one, limit, least) in enumerate(zip(known, limits, enough.tolist(), strict=True)):
+            if one is None or limit.multipliers is None or one.multipliers is None:
+                continue
+            if one.upper > max(least, _WEAKER * limit.value + UNLIMITED):
+                weaker.append((row, one.multipliers))
+        if weaker:
+            for (row, _), fits in zip(weaker, self._fit(self._centres, np.array([m for _, m in weaker])), strict=True):
+                if not fits:
+                    known[row] = self._moved(loads[row], limits[row], float(enough[row]))
+        return [limit if one is None else one for limit, one in zip(limits, known, strict=True)]
 
-    def _moved(
-        self, load: Array, limit: InverseLoadFactor, enough: float, resting: InverseLoadFactor
-    ) -> InverseLoadFactor:
+    def _moved(self, load: Array, limit: InverseLoadFactor, enough: float) -> InverseLoadFactor:
         """See `inverse_factors`, where patches cannot have the friction of the limit's forces."""
-        inverse, centres = resting, self._centres
-        if limit.multipliers is None or inverse.upper <= max(enough, _WEAKER * limit.value + UNLIMITED):
-            return inverse
-        normal_forces = limit.multipliers[1::3]
+        normal_forces = np.zeros(0) if limit.multipliers is None else limit.multipliers[1::3]
         for _ in range(_MOVES):
-            if inverse.multipliers is None or self._fits(centres, inverse.multipliers):
-                break
             centres = self._pressed_at(normal_forces, self._centres)
             if self._moving is None:
                 self._moving = self._program(self._centres)
             self._moving.set_entries(self._layout.entries(self._sliding(centres)))
             inverse = self._moving.inverse_factor(load, enough)
-            if inverse.multipliers is not None:
-                normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
+            if inverse.multipliers is None or self._fit(centres, inverse.multipliers[None])[0]:
+                break
+            normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
         return inverse
 
     def allows(self, multipliers: Array) -> Mask:
@@ -182,13 +187,21 @@ class PatchProgram:
         looked_at = (counts > 0) & (counts <= _LOOKED_AT)
         # Those that are not within the simple bound may still be within the limit surface.
         allowed: Mask = counts <= _LOOKED_AT
-        for row, i in zip(*(each.tolist() for each in np.nonzero(over & looked_at[:, None])), strict=True):
-            if not allowed[row]:
-                continue
-            friction = self._frictions[i]
-            moment = float(turning[row, i]) * self._geometry.units.length / friction.size
-            needed = friction.surface.normal_force_needed_for(float(fu[row, i]), float(fv[row, i]), moment)
-            allowed[row] = needed <= self._mu[i] * total[row, i] * (1 + 1e-3) + _PRESSED
+        rows, interfaces = np.nonzero(over & looked_at[:, None])
+        moments = turning[rows, interfaces] * self._geometry.units.length
+        most = self._mu[interfaces] * total[rows, interfaces] * (1 + 1e-3) + _PRESSED
+        often = np.bincount(interfaces, minlength=len(self._mu)) > _FORCES_AT_ONCE
+        for i in np.flatnonzero(often).tolist():
+            at, friction = interfaces == i, self._frictions[i]
+            forces = np.stack([fu[rows[at], i], fv[rows[at], i]], axis=1)
+            needed = friction.surface.normal_force_needed(forces, moments[at] / friction.size)
+            allowed[rows[at][needed > most[at]]] = False
+        some = np.flatnonzero(~often[interfaces])
+        questions = (rows[some], interfaces[some], moments[some], most[some])
+        for row, i, moment, bound in zip(*(each.tolist() for each in questions), strict=True):
+            if allowed[row]:
+                friction, force = self._frictions[i], (float(fu[row, i]), float(fv[row, i]))
+                allowed[row] = friction.surface.normal_force_needed_for(*force, moment / friction.size) <= bound
         return allowed
 
     @cached_property
@@ -198,26 +211,26 @@ class PatchProgram:
         u, v = np.einsum("ikj,ij->ki", tangents, self._geometry.points)
         return u, v
 
-    def _fits(self, centres: Array, multipliers: Array) -> bool:
-        """Whether friction, taken about these centres (I, 3), is about those that the forces found have."""
-        corners, cells, count = len(self._geometry.points), self._cells, len(centres)
-        normal = multipliers[1 : 1 + corners]
-        slides = multipliers[1 + corners :].reshape(-1, 4)[:, 1:3]
-        force = np.einsum("ij,ijk->ik", slides, cells.axes)
-        total: Array = np.stack([np.bincount(cells.interface, x, count) for x in force.T], axis=1)
+    def _fit(self, centres: Array, multipliers: Array) -> Mask:
+        """(Q,) whether friction, taken about these centres (I, 3), is about those that the forces found (Q, R) have."""
+        corners, cells, count = len(self._geometry.points), self._cells, len(multipliers)
+        normal = multipliers[:, 1 : 1 + corners]
+        slides = multipliers[:, 1 + corners :].reshape(count, -1, 4)[..., 1:3]
+        forces = (slides[..., 0, None] * cells.axes[:, 0] + slides[..., 1, None] * cells.axes[:, 1]).swapaxes(1, 2)
+        total = _sums(forces, cells.interface, len(centres)).swapaxes(1, 2)
         shift = self._pressed_at(normal, centres) - centres
-        resists = np.bincount(cells.interface, cells.share * cells.reach, count)
-        resists *= np.bincount(self._geometry.interface, normal, count)
+        resists = _sums(cells.share * cells.reach, cells.interface, len(centres))
+        resists = resists * _sums(normal, self._geometry.interface, len(centres))
         # Shift and friction lie in the plane: the length of their product is the moment about the normal.
-        return bool(np.all(lengths(cross(shift, total)) <= _SETTLED * resists + _PRESSED))
+        fits: Mask = np.all(lengths(cross(shift, total)) <= _SETTLED * resists + _PRESSED, axis=-1)
+        return fits
 
     def _pressed_at(self, normal_forces: Array, otherwise: Array) -> Array:
-        """(I, 3) centre of pressure of each interface; where it is not pressed, (I, 3) otherwise."""
+        """(..., I, 3) centre of pressure of each interface (..., K); where it is not pressed, (I, 3) otherwise."""
         which, count = self._geometry.interface, len(otherwise)
-        totals = np.bincount(which, normal_forces, count)
-        moments = np.stack([np.bincount(which, normal_forces * x, count) for x in self._geometry.points.T], axis=1)
-        pressed = totals > _PRESSED
-        return np.where(pressed[:, None], moments / np.where(pressed, totals, 1.0)[:, None], otherwise)
+        totals = _sums(normal_forces, which, count)[..., None]
+        moments = _sums(normal_forces[..., None, :] * self._geometry.points.T, which, count).swapaxes(-1, -2)
+        return np.where(totals > _PRESSED, moments / np.where(totals > _PRESSED, totals, 1.0), otherwise)
 
     def _program(self, centres: Array) -> LoadFactorProgram:
         """Unknowns: twists, and a bound on each cell's speed, which is of its interface alone."""
@@ -292,6 +305,11 @@ class _Layout:
         entries = self.plain.copy()
         entries[self.motions] = -sliding
         return entries
+
+
+def _sums(values: Array, which: Indices, count: int) -> Array:
+    """(..., I) sums of values (..., K) over each interface, which all have some; `which` (K,) ascends."""
+    return np.add.reduceat(values, np.searchsorted(which, np.arange(count)), axis=-1)
 
 
 def _cells(
