@@ -14,6 +14,8 @@ _UNEVEN = 3.5
 def thin(points: Array, wanted: int) -> Indices:
     """Rows of (N, 3) points to keep, one per cube of a grid, about `wanted`; all but duplicates when there are fewer.
 
+    Any one in a cube is kept: those nearest to the middles may all be of one face of a plate.
+
     Returns:
         (M,) increasing.
     """
@@ -32,8 +34,8 @@ def thin(points: Array, wanted: int) -> Indices:
         else:
             large = kept = cube
     cells = _cells(off, kept)
-    off_middle = np.linalg.norm(off / kept - np.floor(off / kept) - 0.5, axis=1)
-    order = np.lexsort((off_middle, cells))
+    order = np.random.default_rng(0).permutation(len(first))
+    order = order[np.argsort(cells[order], kind="stable")]
     return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
 
 
