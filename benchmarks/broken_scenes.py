@@ -112,7 +112,7 @@ def _moves(scene: Assembly, push: Push, force: float) -> float:
 
 
 def main() -> None:
-    """Print the table of docs/robustness.md."""
+    """Print the table of docs/robustness_results.md."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=6, help="of each kind")
     parser.add_argument("--samples", type=int, default=19, help="of each interval")

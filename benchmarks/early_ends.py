@@ -76,7 +76,7 @@ def ask(assembly: Assembly, rng: np.random.Generator, tally: EarlyTally) -> None
 
 
 def main() -> None:
-    """Print the table of docs/robustness.md."""
+    """Print the table of docs/robustness_results.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=10, help="of each kind")
     parser.add_argument("--seed", type=int, default=1)

@@ -126,7 +126,7 @@ def compare(assembly: Assembly, rng: np.random.Generator, tally: LevelTally, ask
 
 
 def main() -> None:
-    """Print the table of docs/robustness.md."""
+    """Print the table of docs/robustness_results.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=10, help="of each kind")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""How fast and how exact robustness, maps and accelerations are: every figure of docs/robustness.md, by one command.
+"""How fast and how exact robustness, maps and accelerations are: figures of docs/robustness_results.md, by one command.
 
 All models and baselines answer the same pushes in the same run. PyBullet is left out where it is not installed. Times
 are of the processor: what a machine with nothing else to do takes, but for what others' use of its caches costs.

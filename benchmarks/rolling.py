@@ -135,7 +135,7 @@ def compared(scene: RollingScene, path: Path) -> tuple[float, bool, bool]:
 
 
 def main() -> None:
-    """Print the table of docs/robustness.md."""
+    """Print the table of docs/robustness_results.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=180)
     parser.add_argument("--seed", type=int, default=0)

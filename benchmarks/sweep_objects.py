@@ -19,7 +19,7 @@ from poise.scanning import Frame, View, depth_in_metres
 from poise.types import Array
 
 FIRST_FINAL_SEED = 1000
-"""Seeds from here on are answered once, by a state that is committed; the next ones are in docs/scan.md."""
+"""Seeds from here on are answered once, by a state that is committed; the next ones are in docs/scan_results.md."""
 CAMERAS = ("d435", "worse")
 SPOT = (0.45, 0.0)
 _LONGEST = 0.2

@@ -175,7 +175,7 @@ def scenes(count: int, seed: int) -> Iterator[tuple[str, Assembly, np.random.Gen
 
 
 def main() -> None:
-    """Print the table of docs/robustness.md."""
+    """Print the table of docs/robustness_results.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenes", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
