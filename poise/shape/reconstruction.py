@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from poise.geometry import unique_rows
 from poise.shape.carving import Stone, carve
 from poise.shape.gaps import without_gaps
 from poise.shape.matching import matched
@@ -98,6 +99,11 @@ def reconstruct(
     Raises:
         InputError: as `carve`.
     """
+    first = np.sort(unique_rows(points)[0])
+    if len(first) < len(points):  # a point that stands twice is no denser surface, and has nothing behind it
+        once = [None if of is None else of[first] for of in (normals, seen, doubt)]
+        made = reconstruct(points[first], wanted, noise, *once, air)
+        return replace(made, rows=first[made.rows])
     rng = np.random.default_rng(0)
     draft = _drafted(points, thin(points, wanted), noise, normals, rng)
     if draft.noise > _THICK * draft.spacing.usual and len(points) > wanted:

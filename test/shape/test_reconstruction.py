@@ -238,3 +238,11 @@ def test_a_cup_with_walls_thinner_than_the_spacing_is_open() -> None:
     made = reconstruct(np.concatenate(rows), 2500)
     assert made.spacing > 1.2 * wall
     assert made.solid.volume / true < 1.5
+
+
+def test_points_that_stand_three_times_make_the_same_solid() -> None:
+    """Random rows of such a cloud hold some points twice, which was taken for surface that was seen from one side."""
+    points = cloud(CASES[1], 1e-3, count=4000)
+    once, thrice = reconstruct(points, 1500), reconstruct(np.repeat(points, 3, axis=0), 1500)
+    assert thrice.solid.volume == once.solid.volume
+    np.testing.assert_array_equal(thrice.rows, 3 * once.rows)
