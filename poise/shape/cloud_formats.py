@@ -18,6 +18,7 @@ _PLY_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _UNIT = 0.02
 """Off from one, of the length of a normal."""
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
@@ -169,8 +170,12 @@ def read_text(content: bytes, name: str) -> CloudTable:
 
     A first line may name the columns, or say how many lines follow.
     """
-    text = re.sub(rb"[,;\t]", b" ", content).decode("utf-8", "replace").lstrip("\ufeff")
+    text = content.decode("utf-8", "replace").lstrip("\ufeff")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    numbers = re.split(r"[;\s]+", lines[-1].strip(" ;\t")) if lines else []
+    if len(numbers) > 2 and all(map(_DECIMAL_COMMA.fullmatch, numbers)):
+        lines = [line.replace(",", ".") for line in lines]
+    lines = [re.sub(r"[,;\t]", " ", line) for line in lines]
     names = ["x", "y", "z", "red", "green", "blue"]
     if len(lines) > 1 and lines[0].strip() == str(len(lines) - 1):
         lines.pop(0)

@@ -100,10 +100,25 @@ def reconstruct(
         InputError: as `carve`.
     """
     first = np.sort(unique_rows(points)[0])
-    if len(first) < len(points):  # a point that stands twice is no denser surface, and has nothing behind it
-        once = [None if of is None else of[first] for of in (normals, seen, doubt)]
-        made = reconstruct(points[first], wanted, noise, *once, air)
-        return replace(made, rows=first[made.rows])
+    if len(first) == len(points):
+        return _reconstructed(points, wanted, noise, normals, seen, doubt, air)
+    # A point that stands twice is no denser surface, and has nothing behind it.
+    normals = None if normals is None else normals[first]
+    seen, doubt = None if seen is None else seen[first], None if doubt is None else doubt[first]
+    made = _reconstructed(points[first], wanted, noise, normals, seen, doubt, air)
+    return replace(made, rows=first[made.rows])
+
+
+def _reconstructed(
+    points: Array,
+    wanted: int,
+    noise: float | None,
+    normals: Array | None,
+    seen: Mask | None,
+    doubt: Array | None,
+    air: Array | None,
+) -> Reconstruction:
+    """As `reconstruct`, of distinct points."""
     rng = np.random.default_rng(0)
     draft = _drafted(points, thin(points, wanted), noise, normals, rng)
     if draft.noise > _THICK * draft.spacing.usual and len(points) > wanted:

@@ -199,3 +199,11 @@ def test_a_first_line_may_say_how_many_follow(tmp_path: Path) -> None:
 def test_centimetres_are_named() -> None:
     with pytest.raises(InputError, match=r"centimetres.*--scale 0\.01"):
         check_cloud(10 * np.random.default_rng(0).random((100, 3)))
+
+
+@pytest.mark.parametrize("between", [";", " ", "\t", "; "])
+def test_decimal_commas_are_read(tmp_path: Path, between: str) -> None:
+    path = tmp_path / "cloud.csv"
+    rows = [between.join(f"{value:.3f}".replace(".", ",") for value in point) for point in POINTS.tolist()]
+    path.write_text("\n".join([between.join("xyz"), *rows]))
+    np.testing.assert_allclose(read_cloud(path).points, POINTS)
