@@ -47,7 +47,7 @@ def ways_in(points: Array, coarse: Array, tetrahedra: Indices, beside: Indices) 
 
 
 def normals_of_planes(points: Array, near: Indices, known: Mask, outward: Array) -> Array:
-    """(N, 3) outward unit normals; needs `COMPILED`. See `poise.shape.carving.oriented_normals`, which does the same.
+    """(N, 3) outward unit normals; needs `COMPILED`. See `poise.shape.pockets.oriented_normals`, which does the same.
 
     Args:
         points: (N, 3) m.

@@ -10,16 +10,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import Delaunay, QhullError
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths, row_order
-from poise.kernels import COMPILED, normals_of_planes, opened_pockets, tetrahedra_of, ways_in
+from poise.kernels import COMPILED, tetrahedra_of, ways_in
 from poise.shape.gaps import is_cavity
 from poise.shape.missing import bare_share
-from poise.shape.nearest import nearest
+from poise.shape.pockets import Entrances, pockets
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.shape.spacing import Spacing, spacing_of
 from poise.types import Array, Indices, Mask
@@ -35,17 +35,8 @@ hammer the points on sheets are 0.06 to 0.12 of all, in cups at most 0.02."""
 _LEAK_BALLS = (2.8, 3.2, 4.0)
 _DOUBT, _POCKET_DOUBT = 0.4, 0.5
 """Shares of the volume behind an opening, and in pockets, that are counted as one sigma."""
-_COST = 0.1
-"""What the normals have to say for a gap in each tetrahedron of a pocket, at the least, as a cosine."""
-_POCKET = 1.2
-"""Radius, in spacings, of the smallest ball that may enter a pocket."""
-_LARGEST_BALL, _PRIOR = 4.0, 0.45
-"""Spacings, of a ball that needs no leave; and what speaks for each tetrahedron that `_BALL` reaches."""
-_FEWEST_DEEP = 4
-_FACETS = 8
-"""Nearest triangles, by their middles, that the distance to a surface is taken from."""
-_PLANE = 12
-"""Points that a normal is found from."""
+_LARGEST_BALL = 4.0
+"""Spacings, of a ball that needs no leave."""
 _FEWEST_POINTS = 20
 _PLANE_LIKE, _FLAT = 1e-6, 1e-8
 """Thickness over length below which all points are in a plane; and those of a tetrahedron, for each squared spacing."""
@@ -53,20 +44,20 @@ _TINY = 1e-30
 
 
 def carve(
-    points: Array, spacing: Spacing | None = None, depth: float | None = None, normals: Array | None = None
+    points: Array, spacing: Spacing | None = None, noise: float | None = None, normals: Array | None = None
 ) -> Solid:
     """The solid whose surface the points lie on.
 
     Args:
         points: (N, 3) m, on the whole surface, in any order.
         spacing: between neighbours; None: as measured.
-        depth: m, how deep inside a point has to lie to say that there is a pocket (see `_pockets`); None: at no depth.
+        noise: m, one sigma of the points, from which pockets follow (see `pockets`); None: there are none.
         normals: (N, 3) outward unit normals, where they were measured.
 
     Raises:
         InputError: SCAN_INCOMPLETE for too few points, MESH_INVALID when they enclose no volume.
     """
-    return Stone(points, spacing).carve(depth, normals)
+    return Stone(points, spacing).carve(noise, normals)
 
 
 class Stone:
@@ -98,17 +89,18 @@ class Stone:
         reach, order, parents = _reach(points, self.spacing.coarseness, tetrahedra, neighbours)
         self._tree = reach / self.spacing.usual, order, parents
 
-    def carve(self, depth: float | None = None, normals: Array | None = None) -> Solid:
+    def carve(self, noise: float | None = None, normals: Array | None = None) -> Solid:
         """The solid; arguments and errors as of the function `carve`."""
-        cells, reach = (self._points, self._tetrahedra, self._neighbours), self._tree[0]
+        reach = self._tree[0]
         small_ball, largest_ball = self._volume(_BALL), self._volume(_LEAK_BALLS[-1])
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
         opening = bool(larger) and self._opens(normals)
         ball = _BALL if opening else max([_BALL, *larger])
         inside = self._peeled(reach <= ball)
-        if depth is not None:
+        if noise is not None:
             inside = self._peeled(reach <= _LARGEST_BALL)
-            inside = self._peeled(inside & ~_pockets(*cells, self._tree, inside, ball, depth, normals))
+            ways = Entrances(self._points, self.spacing.usual, self._tetrahedra, self._neighbours, self._tree)
+            inside = self._peeled(inside & ~pockets(ways, inside, ball, noise, normals))
         found = self._whole.only(inside)
         if not len(found.tetrahedra):
             raise InputError(
@@ -184,151 +176,6 @@ def _doubt(volume: Callable[[float], float], ball: float, kept: float, behind: f
     low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
     pockets = max(volume(ball) - kept, 0.0)
     return float(np.linalg.norm([(high - low) / 2, _DOUBT * behind, _POCKET_DOUBT * pockets]))
-
-
-def _pockets(
-    points: Array,
-    tetrahedra: Indices,
-    neighbours: Indices,
-    tree: tuple[Array, Indices, Indices],
-    inside: Mask,
-    ball: float,
-    depth: float,
-    normals: Array | None,
-) -> Mask:
-    """(T,) what a smaller ball would carve away, too, and rightly so: surfaces that face each other have a gap between.
-
-    A gap between two handles that is narrower than the ball leaves their facing sides inside of the solid. Which way
-    those face is found by following the surface from where the solid shows it. What to open is the cut of the tree of
-    ways in that gains most: what the normals of deep points say, for a gap or against it, less `_COST` for each
-    tetrahedron. A hole in the sampling, through which a small ball leaks into the object, gains nothing.
-    """
-    reach, order, parents = tree
-    outside = ~np.append(inside, False)
-    owner, corner = np.nonzero(inside[:, None] & outside[neighbours])
-    facets = np.take_along_axis(tetrahedra[owner], FACES[corner], axis=1)
-    nothing = np.zeros(len(inside), bool)
-    deep = depths_inside(points, tetrahedra[inside], facets) > depth
-    fits = reach > ball
-    if deep.sum() < _FEWEST_DEEP and not np.any(fits & inside):
-        return nothing
-    facing = normals if normals is not None else oriented_normals(points, facets)
-    if COMPILED:
-        numbers = {"ball": ball, "smallest": _POCKET, "prior": _PRIOR, "cost": _COST}
-        return opened_pockets(points, tetrahedra, tree, inside, deep, facing, numbers)
-    corners = points[tetrahedra]
-    toward = corners.mean(axis=1)[:, None] - corners
-    toward /= np.maximum(lengths(toward), 1e-30)[..., None]
-    says = np.einsum("tki,tki->tk", toward, facing[tetrahedra])
-    shallow = ~deep[tetrahedra] & ~fits[:, None]
-    says[shallow] = np.minimum(says[shallow], 0)
-    worth = says.mean(axis=1) + np.where(fits, _PRIOR, -_COST)
-    worth[inside & (reach < _POCKET)] = -np.inf
-    gains, above = worth.tolist(), parents.tolist()
-    walk = [tetrahedron for tetrahedron in order.tolist() if tetrahedron < len(inside) and inside[tetrahedron]]
-    for tetrahedron in reversed(walk):
-        parent = above[tetrahedron]
-        if gains[tetrahedron] > 0 and parent < len(inside) and inside[parent]:
-            gains[parent] += gains[tetrahedron]
-    opened = np.append(~inside, True)
-    for tetrahedron in walk:
-        opened[tetrahedron] = gains[tetrahedron] > 0 and opened[above[tetrahedron]]
-    return np.asarray(opened[:-1] & inside)
-
-
-def depths_inside(points: Array, tetrahedra: Indices, facets: Indices) -> Array:
-    """(N,) m from points inside of a solid to the nearest that is not; 0 for those.
-
-    Args:
-        points: (N, 3) m.
-        tetrahedra, facets: (T, 4) and (F, 3) numbers of the points that it is made of, and around it.
-    """
-    buried = _buried(points, tetrahedra, facets)
-    depths = np.zeros(len(points))
-    if buried.any():
-        depths[buried] = cKDTree(points[~buried]).query(points[buried])[0]
-    return depths
-
-
-def depths_below(points: Array, tetrahedra: Indices, facets: Indices) -> Array:
-    """(N,) m from points inside of a solid to the triangles around it; 0 for those that are not inside.
-
-    Unlike `depths_inside` it does not count a point that a flat tetrahedron just covers, which is a whole spacing away
-    from the nearest one that is not.
-
-    Args:
-        points, tetrahedra, facets: as of `depths_inside`.
-    """
-    buried = _buried(points, tetrahedra, facets)
-    depths = np.zeros(len(points))
-    if buried.any():
-        corners = points[facets]
-        near = cKDTree(corners.mean(axis=1)).query(points[buried], k=min(_FACETS, len(facets)))[1]
-        near = near.reshape(int(buried.sum()), -1)
-        depths[buried] = _to_triangles(points[buried], corners[near]).min(axis=1)
-    return depths
-
-
-def _buried(points: Array, tetrahedra: Indices, facets: Indices) -> Mask:
-    buried = np.zeros(len(points), bool)
-    buried[tetrahedra] = True
-    buried[facets] = False
-    return buried
-
-
-def _to_triangles(points: Array, corners: Array) -> Array:
-    """(N, K) m from points (N, 3) to triangles (N, K, 3, 3)."""
-    offset = corners - points[:, None, None]
-    following = np.roll(offset, -1, axis=2)
-    edge = following - offset
-    length = np.maximum(np.einsum("nkei,nkei->nke", edge, edge), _TINY)
-    along = np.clip(-np.einsum("nkei,nkei->nke", offset, edge) / length, 0, 1)
-    beside = np.linalg.norm(offset + along[..., None] * edge, axis=3).min(axis=2)
-    normal = np.cross(edge[:, :, 0], edge[:, :, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=2), _TINY)[..., None]
-    sides = np.einsum("nkei,nki->nke", np.cross(offset, following), normal)
-    over = np.abs(np.einsum("nki,nki->nk", offset[:, :, 0], normal))
-    return np.asarray(np.where((sides > 0).all(axis=2), over, beside))
-
-
-def oriented_normals(points: Array, facets: Indices) -> Array:
-    """(N, 3) outward unit normals of points, from their neighbours, with the side that some of them have on facets.
-
-    The side is handed on from neighbour to neighbour where the surface bends least (Hoppe et al. 1992).
-
-    Args:
-        points: (N, 3) m.
-        facets: (F, 3) triangles around the solid, counter-clockwise from outside; they show the side of their corners.
-    """
-    count = len(points)
-    near = nearest(points, points, min(_PLANE, count))[1]
-    a, b, c = (points[facets[:, k]] for k in range(3))
-    across = cross(b - a, c - a)
-    sums: Array = np.stack(
-        [np.bincount(facets.ravel(), np.repeat(column, 3), count) for column in across.T], axis=1
-    ).astype(np.float64)
-    known = np.bincount(facets.ravel(), minlength=count) > 0
-    if COMPILED:
-        return normals_of_planes(points, near, known, sums)
-    offsets = points[near] - points[near].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))[1][:, :, 0]
-    shown = np.flatnonzero(known)
-    normals[shown] *= np.where(np.einsum("ij,ij->i", normals[shown], sums[shown]) < 0, -1.0, 1.0)[:, None]
-    i, j = np.repeat(np.arange(count), near.shape[1] - 1), near[:, 1:].ravel()
-    bend = 1.01 - np.abs(np.einsum("ij,ij->i", normals[i], normals[j]))
-    root = np.full(len(shown), count)
-    graph = coo_array(
-        (np.concatenate([bend, np.full(len(shown), 1e-3)]), (np.concatenate([i, root]), np.concatenate([j, shown]))),
-        shape=(count + 1, count + 1),
-    ).tocsr()
-    order, parents = breadth_first_order(minimum_spanning_tree(graph), count, directed=False)
-    below = order[1:][~known[order[1:]]]
-    turned = np.einsum("ij,ij->i", normals[below], normals[parents[below]]) < 0
-    inwards = np.zeros(count, bool).tolist()
-    for point, parent, turn in zip(below.tolist(), parents[below].tolist(), turned.tolist(), strict=True):
-        inwards[point] = inwards[parent] != turn
-    normals[inwards] *= -1
-    return np.asarray(normals)
 
 
 def _reach(points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:

@@ -18,6 +18,9 @@ _PLY_TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 _COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_UNIT = 0.02
+"""Off from one, of the length of a normal."""
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
@@ -163,19 +166,38 @@ def read_pcd(content: bytes, name: str) -> CloudTable:
 
 
 def read_text(content: bytes, name: str) -> CloudTable:
-    """Lines of x y z [r g b ...], parted by blanks, commas or semicolons; # and // begin a comment."""
-    text = re.sub(rb"[,;\t]", b" ", content).decode("utf-8", "replace").lstrip("\ufeff")
+    """Lines of x y z [r g b ...] or x y z nx ny nz, parted by blanks, commas or semicolons; # and // begin a comment.
+
+    A first line may name the columns, or say how many lines follow.
+    """
+    text = content.decode("utf-8", "replace").lstrip("\ufeff")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    numbers = re.split(r"[;\s]+", lines[-1].strip(" ;\t")) if lines else []
+    if len(numbers) > 2 and all(map(_DECIMAL_COMMA.fullmatch, numbers)):
+        lines = [line.replace(",", ".") for line in lines]
+    lines = [re.sub(r"[,;\t]", " ", line) for line in lines]
     names = ["x", "y", "z", "red", "green", "blue"]
+    if len(lines) > 1 and lines[0].strip() == str(len(lines) - 1):
+        lines.pop(0)
+    named = False
     if lines and re.match(r"\s*[\"']?[A-Za-z_]", lines[0]) and not re.match(r"\s*(nan|inf)\b", lines[0], re.IGNORECASE):
-        names = [word.strip("\"'").lower() for word in lines.pop(0).split()]
+        names, named = [word.strip("\"'").lower() for word in lines.pop(0).split()], True
     width = len(lines[0].split()) if lines else 3
     names = [*names, *(f"column{i}" for i in range(len(names), width))][:width]
-    return _table(_text_columns("\n".join(lines).encode(), names, len(lines), name), name)
+    columns = _text_columns("\n".join(lines).encode(), names, len(lines), name)
+    if not named and width >= 6 and _are_directions(_joined(columns, ("red", "green", "blue"))):
+        columns |= {axis: columns.pop(colour) for axis, colour in zip(*_NORMALS[:1], names[3:6], strict=True)}
+    return _table(columns, name)
+
+
+def _are_directions(values: Array) -> bool:
+    """Whether numbers (N, 3) are unit normals and no colours: of length one, and some are negative."""
+    lengths = np.linalg.norm(values, axis=1)
+    return bool(np.any(values < 0) and np.all(np.abs(lengths - 1) < _UNIT))
 
 
 def read_npy(content: bytes, name: str) -> CloudTable:
-    """An array of shape (..., 3), or (..., 6) with colours."""
+    """An array of shape (..., 3), or (..., 6) with colours or unit normals."""
     try:
         array = np.load(io.BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError, MemoryError, OverflowError) as error:
@@ -186,6 +208,8 @@ def read_npy(content: bytes, name: str) -> CloudTable:
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: has shape {array.shape}, expected (N, 3) or (N, 6)")
     rows = array.reshape(-1, array.shape[-1])
     colours = rows[:, 3:] if rows.shape[1] == 6 else None
+    if colours is not None and _are_directions(colours.astype(np.float64)):
+        return CloudTable(rows[:, :3].astype(np.float64), None, normals=colours.astype(np.float64))
     return CloudTable(rows[:, :3].astype(np.float64), None if colours is None else _shades(colours))
 
 
@@ -210,7 +234,7 @@ def _text_columns(body: bytes, names: list[str], count: int, name: str) -> dict[
     try:
         rows = np.loadtxt([line.decode("ascii") for line in lines], dtype=np.float64, ndmin=2, comments=None)
     except ValueError as error:
-        raise corrupt(name, str(error)) from error
+        raise corrupt(name, str(error).split(";")[0]) from error
     if rows.shape != (count, len(names)):
         raise corrupt(name, f"it holds {rows.shape[0]} rows of {rows.shape[1]}, expected {count} of {len(names)}")
     return {column: rows[:, i] for i, column in enumerate(names)}

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import unique_rows
 from poise.shape.cloud_formats import CLOUD_READERS, MAX_POINTS, CloudTable
 from poise.types import Array, Indices, Mask
 
@@ -14,6 +15,10 @@ _MAX_BYTES = 400_000_000
 _LEAST_NORMAL = 1e-6
 _SMALLEST, _LARGEST = 2e-3, 5.0
 """m, diagonals between which a cloud can be of something that a robot carries."""
+_FEW_MILLIMETRES = 30.0
+"""Units across below which millimetres are less likely than centimetres."""
+_PLACEHOLDER, _TIMES = 10, 5.0
+"""Rows of one place from which on it is no point, and over the median of all places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +127,28 @@ def check_cloud(
         raise InputError(ErrorCode.EMPTY, f"{name}: none of {len(table)} points is finite; scan the object again")
     if len(rows) < len(table):
         notes = (*notes, f"{len(table) - len(rows)} of {len(table)} points are not finite and were left out")
+    rows, notes = _without_placeholders(table, rows, notes)
     kept = table[rows] * scale
     _check_size(kept, name)
     return Cloud(kept, None if shades is None else np.nan_to_num(shades[rows]), rows, len(table), notes)
+
+
+def _without_placeholders(table: Array, rows: Indices, notes: tuple[str, ...]) -> tuple[Indices, tuple[str, ...]]:
+    """Rows without those of one place that many have, and the notes with what was left out.
+
+    Cameras write 0 0 0, or -9999 three times, where a pixel has no depth. A cloud in which each point stands several
+    times has no such place.
+    """
+    first, number = unique_rows(table[rows])
+    counts = np.bincount(number)
+    most = int(counts.argmax())
+    if counts[most] < max(_PLACEHOLDER, _TIMES * float(np.median(counts))) or len(counts) < _PLACEHOLDER:
+        return rows, notes
+    place = ", ".join(f"{value:g}" for value in table[rows[first[most]]])
+    return rows[number != most], (
+        *notes,
+        f"{counts[most]} of {len(table)} points are ({place}), as where a pixel has no depth, and were left out",
+    )
 
 
 def _check_size(points: Array, name: str) -> None:
@@ -133,6 +157,10 @@ def _check_size(points: Array, name: str) -> None:
     diagonal = float(np.linalg.norm(high - low))
     if diagonal > _LARGEST:
         guess = f"millimetres? Then it is {diagonal:.0f} mm long: give a scale of 0.001 (--scale 0.001)"
+        if diagonal < _FEW_MILLIMETRES:
+            guess = (
+                f"centimetres? Then it is {diagonal:.0f} cm long: give a scale of 0.01 (--scale 0.01; inches: 0.0254)"
+            )
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {diagonal:.3g} m across; are these {guess}", diagonal=diagonal)
     if diagonal < _SMALLEST:
         raise InputError(

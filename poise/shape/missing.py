@@ -22,14 +22,15 @@ from poise.types import Array, Indices
 
 _TWO_SIDED = 0.3
 """Length of the mean normal around a point below which it is on a sheet."""
-_PLACES, _NEIGHBOURS, _LAYER, _LEAST_THIN = 600, 24, 30, 0.02
-"""Vertices that are asked for what is behind them, those around each, and points that a layer is known from; and the
-share of thin places below which there is no layer."""
+_PLACES, _NEIGHBOURS, _LAYER, _MOST_LAYER, _LEAST_THIN = 600, 24, 30, 60, 0.02
+"""Vertices that are asked for what is behind them, those around each; points that a layer is known from, for each point
+that a vertex stands for, and at the most: they have to reach farther than the solid is thick; and the share of thin
+places below which there is no layer."""
 _REACH, _ASIDE, _OPPOSITE = 2.0, 1.2, -0.6
 """Spacings that the other side is away from a vertex, at most, also to the side; cosine between their normals."""
 _ALONG = 0.7
 """Cosine between the normals of the layer and of the solid, from which on the layer is the solid's surface."""
-_THIN, _EMPTY_INSIDE, _SHEET, _ONE_PEAK = 1.4, 2.2, 0.15, 2.6
+_THIN, _EMPTY_INSIDE, _SHEET, _ONE_PEAK = 1.4, 2.45, 0.15, 2.6
 """Thickness over the spread of all points there, below or above which it is one layer; thickness over the spacing below
 which it is one, too; and kurtosis of the heights. Two sides have heights of either half of the thickness (1.4 to 2.1,
 with noise of up to a third of it, and kurtosis at most 2.5); what is thicker has no points on its other side."""
@@ -149,16 +150,16 @@ def single_layer(solid: Solid, points: Array, spacing: float, rng: np.random.Gen
     nearest_behind = np.where(behind, aside, np.inf)[thin].argmin(axis=1)
     thickness, own = depth[thin, nearest_behind], own[thin]
     middles = vertices[asked[thin]] - thickness[:, None] / 2 * own
-    spread, peak, way = _layers(points, middles)
+    spread, peak, way = _layers(points, middles, min(_LAYER * len(points) // len(solid.vertices), _MOST_LAYER))
     single = (thickness < np.maximum(_THIN * spread, _SHEET * spacing)) | (thickness > _EMPTY_INSIDE * spread)
     single &= peak > _ONE_PEAK
     single &= np.abs(np.einsum("ni,ni->n", way, own)) > _ALONG
     return float(np.count_nonzero(single)) / len(asked)
 
 
-def _layers(points: Array, places: Array) -> tuple[Array, Array, Array]:
+def _layers(points: Array, places: Array, count: int) -> tuple[Array, Array, Array]:
     """(M,) m one sigma and (M,) kurtosis of the heights of points about a quadric around places; (M, 3) its normal."""
-    distance, near = cKDTree(points).query(places, k=_LAYER)
+    distance, near = cKDTree(points).query(places, k=count)
     offset = points[near] - points[near].mean(axis=1, keepdims=True)
     axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1]
     height, u, v = np.moveaxis(np.einsum("nki,nij->nkj", offset, axes) / distance[:, -1:, None], 2, 0)
@@ -167,7 +168,7 @@ def _layers(points: Array, places: Array) -> tuple[Array, Array, Array]:
     fitted = np.linalg.solve(system, np.einsum("nki,nk->ni", terms, height)[..., None])
     squares = (height - (terms @ fitted)[..., 0]) ** 2
     peak = (squares**2).mean(axis=1) / np.maximum(squares.mean(axis=1) ** 2, 1e-30)
-    return distance[:, -1] * np.sqrt(squares.sum(axis=1) / (_LAYER - 6)), peak, axes[:, :, 0]
+    return distance[:, -1] * np.sqrt(squares.sum(axis=1) / (count - 6)), peak, axes[:, :, 0]
 
 
 def bare_faces(solid: Solid, points: Array, around: Array, rng: np.random.Generator) -> tuple[BareFace, ...]:

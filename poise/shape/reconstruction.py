@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.carving import Stone, carve, depths_below
+from poise.geometry import unique_rows
+from poise.shape.carving import Stone, carve
 from poise.shape.gaps import without_gaps
 from poise.shape.matching import matched
 from poise.shape.missing import Missing, bare_share, missing_of
+from poise.shape.pockets import BURIED, DEEP, depths_below
 from poise.shape.solid import Solid, part_moments
 from poise.shape.spacing import Spacing, spacing_of
 from poise.shape.surface_fit import fitted_heights, local_noise, side_normals
@@ -26,8 +28,6 @@ _FEWEST, _MOST = 10, 80
 _ROUNDS = 2
 _SEEN_POCKETS = 0.4
 """Noise over spacing up to which pockets are looked for before the points are averaged."""
-_DEEP, _BURIED = 1.0, 2.5
-"""Spacings and sigmas under the surface from which on a point is no noise but the wall of a pocket."""
 _LEAST_NOISE = 0.02
 """Of the spacing: what a cloud without noise is taken to have."""
 _AGREE = 0.9
@@ -99,6 +99,26 @@ def reconstruct(
     Raises:
         InputError: as `carve`.
     """
+    first = np.sort(unique_rows(points)[0])
+    if len(first) == len(points):
+        return _reconstructed(points, wanted, noise, normals, seen, doubt, air)
+    # A point that stands twice is no denser surface, and has nothing behind it.
+    normals = None if normals is None else normals[first]
+    seen, doubt = None if seen is None else seen[first], None if doubt is None else doubt[first]
+    made = _reconstructed(points[first], wanted, noise, normals, seen, doubt, air)
+    return replace(made, rows=first[made.rows])
+
+
+def _reconstructed(
+    points: Array,
+    wanted: int,
+    noise: float | None,
+    normals: Array | None,
+    seen: Mask | None,
+    doubt: Array | None,
+    air: Array | None,
+) -> Reconstruction:
+    """As `reconstruct`, of distinct points."""
     rng = np.random.default_rng(0)
     draft = _drafted(points, thin(points, wanted), noise, normals, rng)
     if draft.noise > _THICK * draft.spacing.usual and len(points) > wanted:
@@ -110,7 +130,7 @@ def reconstruct(
     spacing = draft.spacing.usual
     guess = max(draft.noise, _LEAST_NOISE * spacing)
     found = matched(draft.carved, points, guess, spacing, rng, noise is not None)
-    inside = _inside(draft.carved, _DEEP * spacing + _BURIED * found.noise)
+    inside = _inside(draft.carved, DEEP * spacing + BURIED * found.noise)
     if seen is None:
         missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
     else:
@@ -158,7 +178,7 @@ def _drafted(
     normals = side_normals(carved, 2 * spacing)
     guess = local_noise(vertices, normals, rng) if noise is None else noise
     if guess < _SEEN_POCKETS * spacing:
-        carved = stone.carve(_DEEP * spacing + _BURIED * guess, measured)
+        carved = stone.carve(guess, measured)
         normals = side_normals(carved, 2 * spacing)
     return _Draft(carved, rows, normals if measured is None else measured, guess, around, taken)
 
@@ -184,7 +204,7 @@ def _averaged(draft: _Draft, points: Array, rng: np.random.Generator) -> _Draft:
         heights = fitted_heights((cloud, sides), (vertices, draft.normals), asked)[0]
         vertices = vertices + heights[:, None] * draft.normals
     spacing = spacing_of(vertices)
-    carved = carve(vertices, spacing, _DEEP * spacing.usual + _BURIED * draft.noise / np.sqrt(asked))
+    carved = carve(vertices, spacing, draft.noise / np.sqrt(asked))
     return replace(draft, carved=carved, spacing=spacing)
 
 

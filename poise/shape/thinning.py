@@ -4,15 +4,20 @@ import numpy as np
 
 from poise.geometry import unique_rows
 from poise.shape.spacing import Spacing, spacing_of
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _ROUNDS = 12
 _UNEVEN = 3.5
 """Spacing on half of the surface, over that of half of the points, from which on these are uneven."""
+_FLAT = 0.05
+"""Standard deviation of the points in a cube from their plane, over the edge of the cube, up to which they are flat."""
 
 
 def thin(points: Array, wanted: int) -> Indices:
     """Rows of (N, 3) points to keep, one per cube of a grid, about `wanted`; all but duplicates when there are fewer.
+
+    That nearest to the middle is kept, for even spacing; any one where a cube holds more than a flat piece of surface:
+    those nearest to the middles may all be of one face of a plate.
 
     Returns:
         (M,) increasing.
@@ -33,8 +38,21 @@ def thin(points: Array, wanted: int) -> Indices:
             large = kept = cube
     cells = _cells(off, kept)
     off_middle = np.linalg.norm(off / kept - np.floor(off / kept) - 0.5, axis=1)
-    order = np.lexsort((off_middle, cells))
+    chance = np.random.default_rng(0).random(len(first))
+    order = np.lexsort((np.where(_thick(off / kept, cells), chance, off_middle), cells))
     return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
+
+
+def _thick(points: Array, cells: Indices) -> Mask:
+    """(N,) whether the points in the same cell, of edge one, leave a plane by more than `_FLAT`."""
+    cell = np.unique(cells, return_inverse=True)[1]
+    count = np.bincount(cell)
+    mean = np.column_stack([np.bincount(cell, column) for column in points.T]) / count[:, None]
+    centred = points - mean[cell]
+    products = (centred[:, :, None] * centred[:, None, :]).reshape(-1, 9)
+    covariance = np.column_stack([np.bincount(cell, column) for column in products.T]) / count[:, None]
+    least = np.linalg.eigvalsh(covariance.reshape(-1, 3, 3))[:, 0]
+    return np.asarray(least > _FLAT**2)[cell]
 
 
 def evened(points: Array) -> tuple[Indices, Spacing]:

@@ -20,14 +20,14 @@ from poise.kernels import (
     tetrahedra_of,
     ways_in,
 )
-from poise.shape import carving, clustering, hierarchy, matching, nearest, segmentation, surface_fit
+from poise.shape import carving, clustering, hierarchy, matching, nearest, pockets, segmentation, surface_fit
 from poise.shape.metrics import undersegmentation_error
 from poise.shape.segmentation import Segmentation, segment
 from poise.shape.solid import tetrahedron_volumes
 from poise.types import Array, Indices
 
 RNG = np.random.default_rng(8)
-MODULES = (carving, clustering, hierarchy, matching, nearest, surface_fit)
+MODULES = (carving, clustering, hierarchy, matching, nearest, pockets, surface_fit)
 
 
 def hammer(count: int, noise: float) -> tuple[Array, Array, Indices]:
@@ -150,8 +150,8 @@ def test_sides_and_pockets_are_those_of_python(both: Callable[[Callable[[], Any]
     solid = carving.carve(HAMMER)
 
     def run() -> list[Array]:
-        normals = carving.oriented_normals(HAMMER, solid.surface[0])
-        return [surface_fit.side_normals(solid, 0.005), normals, carving.Stone(HAMMER).carve(0.004).volumes]
+        normals = pockets.oriented_normals(HAMMER, solid.surface[0])
+        return [surface_fit.side_normals(solid, 0.005), normals, carving.Stone(HAMMER).carve(0.0003).volumes]
 
     for one, other in zip(*both(run), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)

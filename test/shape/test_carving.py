@@ -6,8 +6,10 @@ import shape_samples as samples
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.carving import _least_to_root as least_to_root
-from poise.shape.carving import _to_triangles as to_triangles
-from poise.shape.carving import carve, depths_below, depths_inside
+from poise.shape.carving import carve
+from poise.shape.pockets import _to_triangles as to_triangles
+from poise.shape.pockets import _under_sheets as under_sheets
+from poise.shape.pockets import depths_below, depths_inside
 from poise.shape.spacing import spacing_of
 
 COUNT = 2000
@@ -117,3 +119,18 @@ def test_the_least_on_the_way_to_the_root(longest: int) -> None:
     for node in range(1, count):
         wanted[node] = min(wanted[node], wanted[parents[node]])
     np.testing.assert_array_equal(least_to_root(values, parents), wanted)
+
+
+def test_points_close_below_the_surface_are_on_the_inner_face_of_a_sheet() -> None:
+    """A plate of 1 mm, with points on the inner face of its upper wall, and one point below a wide gap."""
+    step = np.arange(0, 0.05, 0.004)
+    grid = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    outer, middle = (np.column_stack([grid, np.full(len(grid), z)]) for z in (0.0, -0.001))
+    points = np.concatenate([outer, middle, [[0.02, 0.02, -0.03]]])
+    facets = np.array([[0, 1, 13], [1, 14, 13]]) + np.arange(11)[:, None, None]
+    facets = (facets[None] + 13 * np.arange(11)[:, None, None, None]).reshape(-1, 3)
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    rows = under_sheets(points, facets, -points[:, 2], up, 0.004)
+    assert rows.min() >= len(outer)
+    assert set(len(outer) + np.flatnonzero(np.abs(grid - 0.02).max(axis=1) < 0.015)) <= set(rows.tolist())
+    assert len(points) - 1 not in rows

@@ -159,3 +159,51 @@ def test_flipped_and_missing_bytes_never_raise_anything_else(name: str, tmp_path
         except InputError:
             continue
         assert np.all(np.isfinite(cloud.points))
+
+
+def test_places_of_pixels_without_depth_are_left_out(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).random((100, 3))
+    for value in (0.0, -9999.0):
+        cloud = check_cloud(np.concatenate([points, np.full((30, 3), value)]))
+        np.testing.assert_array_equal(cloud.rows, np.arange(100))
+        assert "30 of 130 points" in cloud.notes[0]
+    thrice = check_cloud(np.repeat(points, 12, axis=0))
+    assert len(thrice.points) == 1200
+    assert not thrice.notes
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".npy"])
+def test_unit_normals_without_names_are_no_colours(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(1)
+    points, normals, path = rng.random((50, 3)), rng.normal(size=(50, 3)), tmp_path / f"cloud{suffix}"
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    rows = np.concatenate([points, normals], axis=1)
+    (np.save if suffix == ".npy" else np.savetxt)(path, rows)  # type: ignore[operator]
+    cloud = read_cloud(path)
+    assert cloud.colours is None
+    assert cloud.normals is not None
+    np.testing.assert_allclose(cloud.normals, normals, atol=1e-12)
+
+
+def test_a_first_line_may_say_how_many_follow(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pts"
+    rows = "\n".join(" ".join(map(str, point)) for point in POINTS.tolist())
+    path.write_text(f"4\n{rows}\n")
+    np.testing.assert_allclose(read_cloud(path).points, POINTS)
+    path.write_text(f"5\n{rows}\n")
+    with pytest.raises(InputError, match="columns changed from 1 to 3") as refused:
+        read_cloud(path)
+    assert "usecols" not in refused.value.message
+
+
+def test_centimetres_are_named() -> None:
+    with pytest.raises(InputError, match=r"centimetres.*--scale 0\.01"):
+        check_cloud(10 * np.random.default_rng(0).random((100, 3)))
+
+
+@pytest.mark.parametrize("between", [";", " ", "\t", "; "])
+def test_decimal_commas_are_read(tmp_path: Path, between: str) -> None:
+    path = tmp_path / "cloud.csv"
+    rows = [between.join(f"{value:.3f}".replace(".", ",") for value in point) for point in POINTS.tolist()]
+    path.write_text("\n".join([between.join("xyz"), *rows]))
+    np.testing.assert_allclose(read_cloud(path).points, POINTS)
