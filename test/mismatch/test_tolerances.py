@@ -197,7 +197,8 @@ def test_efforts_with_all_errors_at_their_edges_are_no_finding_and_larger_ones_a
     recorded = effort_motion()
     track = recorded.effort
     assert track is not None
-    groups = effort_calibration(recorded, TOLERANCE)
+    # Smoothing has no edge.
+    groups = [group for group in effort_calibration(recorded, TOLERANCE) if np.isfinite(group.bound)]
     assert {group.name for group in groups} == {"payload", "joints", "gain", "offset", "links", "tilt", "clock"}
     rng = np.random.default_rng(9)
     sigma = 0.005 * effort_sizes(track)

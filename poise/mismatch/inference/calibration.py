@@ -5,6 +5,7 @@ that no hypothesis wins by correcting them, up to the edges of all at once. A ca
 columns without the bounds: it wins where the data contradict the tolerance.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -92,6 +93,8 @@ _BLURS = (0.006, 0.02, 0.05, 0.12)
 """s: faster parts of the prediction may be encoder noise, differentiated twice. Smoothing it without delay is no
 physics; without these columns an oscillating part would win by filtering the noise. The narrowest one also has the
 second-order part of a clock offset, which the clock's column lacks."""
+_EFFORT_BLURS = (0.006, 0.02)
+"""s, of joint efforts; a wider one, taken away from the inertia of a single joint, is that of a rotor or a load."""
 
 
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
@@ -121,11 +124,11 @@ def _blur(recorded: RecordedMotion) -> CalibrationGroup:
     wrench = recorded.nominal
     if recorded.lag:
         wrench = at_times(recorded.seconds, wrench, recorded.seconds - recorded.lag)
-    return _blurred(wrench, recorded.period, lasting=recorded.lag == 0.0)
+    return _blurred(wrench, recorded.period, _BLURS, lasting=recorded.lag == 0.0)
 
 
-def _blurred(nominal: Array, period: float, *, lasting: bool) -> CalibrationGroup:
-    calm = [gaussian_filter1d(nominal, width / period, axis=0, mode="nearest") - nominal for width in _BLURS]
+def _blurred(nominal: Array, period: float, widths: Sequence[float], *, lasting: bool) -> CalibrationGroup:
+    calm = [gaussian_filter1d(nominal, width / period, axis=0, mode="nearest") - nominal for width in widths]
     return CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=lasting)
 
 
@@ -187,7 +190,7 @@ def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Toleran
         CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
         CalibrationGroup("clock", _late(track, tolerance.clock_offset), lasting=True),
-        _blurred(track.rigid, float(np.median(np.diff(track.seconds))), lasting=True),
+        _blurred(track.rigid, float(np.median(np.diff(track.seconds))), _EFFORT_BLURS, lasting=True),
         *rest,
         *((_reversals(track),) if friction_known(track) else ()),
     )
