@@ -1,6 +1,6 @@
 """Cable: a hose or a cord pulls the tool towards a point, as a spring with damping."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,8 +28,10 @@ _SLACK, _TAUT = (0.0, 0.3, 0.6), 0.3
 """Shares of the samples in which the cord is slack; a cord that is always taut is shorter by a share of the way."""
 _REACH = 0.4
 """m, of the hook from the sensor, along each axis."""
-_REFINED, _STEPS, _ROUGHLY, _KEPT = 2, 40, 1e-3, 2
+_REFINED, _STEPS, _ROUGHLY, _KEPT = 3, 40, 1e-3, 3
 """Cords that are refined, steps of each, relative changes of cord and error that end them, and starting points."""
+_SAME = 0.05
+"""m and rad, between cords that ended at the same place."""
 _UNDAMPED, _MOST, _DAMPED = 1e-3, 100.0, (0.05, 1.0)
 """s, damping relative to stiffness: of a cord that is as good as undamped, of one that hardly has a stiffness, and of
 those from which the search begins."""
@@ -109,7 +111,7 @@ class Cable(Effect):
             ]
             refined.sort(key=lambda each: float(each.cost))
             middle = _hook(few, _cord(tried[-1], on_base))[0].mean(axis=0)
-            near = [_nearer(each.x, middle) for each in refined[:_KEPT]]
+            near = [_nearer(each, middle) for each in _distinct([each.x for each in refined])[:_KEPT]]
             yield from (_cord(cord, on_base) for cord in (*near, tried[-1]))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -245,6 +247,15 @@ def _cord(numbers: Array, on_base: float) -> dict[str, float]:
     values = dict(zip(_CORD, numbers.tolist(), strict=True))
     damping_time = float(np.clip(abs(values["damping_time"]), _UNDAMPED, 0.5 * _MOST))
     return {"on_base": on_base, **values, "rest_length": abs(values["rest_length"]), "damping_time": damping_time}
+
+
+def _distinct(cords: Sequence[Array]) -> list[Array]:
+    """Cords without those that ended where an earlier one did."""
+    found: list[Array] = []
+    for cord in cords:
+        if all(np.abs(cord - other).max() > _SAME for other in found):
+            found.append(cord)
+    return found
 
 
 def _nearer(cord: Array, middle: Array) -> Array:
