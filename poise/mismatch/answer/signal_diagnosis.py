@@ -167,11 +167,18 @@ def _with_rivals(
         if better is None:
             break
         tried = _proven(state, better, seen, held)
-        worse = tried[3].remaining > _NO_BETTER * found[3].remaining
-        if not worse and set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit)):
+        kept = set(names(better)) - set(names(found[0].fit)) <= set(names(tried[0].fit))
+        if kept and not _predicts_worse(tried, found, held):
             found = tried
             instead = replacements(state, found[0].fit)
     return found, instead
+
+
+def _predicts_worse(tried: _Proven, found: _Proven, held: Mask) -> bool:
+    """Whether held-out samples are predicted worse than with the model found so far, in the units of its noise."""
+    final = found[1]
+    beside = _settled(final, tried[2])
+    return held_out(replace(final, judged=None), beside, held).augmented > _NO_BETTER * found[3].augmented
 
 
 def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, held: Mask) -> _Proven:
