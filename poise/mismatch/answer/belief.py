@@ -38,7 +38,7 @@ _NONE_TEMPERATURE = 2.0
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 WEIGHTS = (-1.6, 1.0, 2.3, -3.85, 1.85)
-"""Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`, but with twice the
+"""Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`, but with a steeper
 slope: names of low evidence are rare in answers, and likelier where the truth holds nothing (healthy recordings)."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
