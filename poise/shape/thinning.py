@@ -37,9 +37,10 @@ def thin(points: Array, wanted: int) -> Indices:
         else:
             large = kept = cube
     cells = _cells(off, kept)
-    off_middle = np.linalg.norm(off / kept - np.floor(off / kept) - 0.5, axis=1)
+    at = off / kept
+    off_middle = np.linalg.norm(at - np.floor(at) - 0.5, axis=1)
     chance = np.random.default_rng(0).random(len(first))
-    order = np.lexsort((np.where(_thick(off / kept, cells), chance, off_middle), cells))
+    order = np.lexsort((np.where(_thick(at, cells), chance, off_middle), cells))
     return np.sort(first[order[np.append(True, np.diff(cells[order]) != 0)]])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.assembly.contact import SurfacePoints
+from poise.assembly.robustness.block_answers import loads_at_once
 from poise.assembly.robustness.convexity import upper_planes
 from poise.assembly.robustness.folded_pushes import FoldedPushes
 from poise.assembly.statics import BlockAnalysis, Deadline, InverseLoadFactor, Mechanism
@@ -20,8 +21,6 @@ _ROUND = 96
 _MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
 ROW_CHUNK = 20_000
-_AT_ONCE = 200
-"""Bodies of the loads that a block is asked about between two looks at the deadline: some milliseconds."""
 
 
 def chunks(count: int) -> Iterator[slice]:
@@ -104,7 +103,7 @@ class Pool:
     def inverse_factors(self, body: int, wrenches: Array) -> Array:
         """(k <= n,) inverse load factors of wrenches (n, 6) on a body of the block, as far as there is time."""
         values: list[float] = []
-        at_once = max(1, _AT_ONCE // self.block.geometry.count)
+        at_once = loads_at_once(self.block)
         for start in range(0, len(wrenches), at_once):
             if self.deadline.passed:
                 break
