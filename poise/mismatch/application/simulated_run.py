@@ -71,7 +71,7 @@ def _at_states(recorded: RecordedMotion, effort: EffortTrack, joints: JointStrea
     seconds = (joints.stamps - recorded.start) * 1e-9
     after = np.clip(np.searchsorted(effort.seconds, seconds), 1, len(effort.seconds) - 1)
     near = np.minimum(np.abs(seconds - effort.seconds[after - 1]), np.abs(seconds - effort.seconds[after]))
-    rows = near < _NEAR * float(np.median(np.diff(effort.seconds)))
+    rows = near < _NEAR * effort.period
     made = np.full((int(rows.sum()), len(joints.names)), np.nan)
     for name, values in zip(effort.names, effort.prediction.T, strict=True):
         made[:, joints.names.index(name)] = np.interp(seconds[rows], effort.seconds, values)

@@ -76,7 +76,7 @@ class Stages:
 def _slow(recorded: RecordedMotion) -> RecordedMotion:
     """The recording with joint efforts averaged over `_SPAN`."""
     effort = recorded.effort
-    together = 1 if effort is None else round(_SPAN / float(np.median(np.diff(effort.seconds))))
+    together = 1 if effort is None else round(_SPAN / effort.period)
     if effort is None or together < 2 or len(effort.seconds) < _ROWS * together:
         return recorded
     rows = np.arange(len(effort.seconds) // together * together).reshape(-1, together)

@@ -4,14 +4,13 @@ from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from poise.geometry import cross
 from poise.inertia.model import symmetric
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import beside_errors, coarsely, specific_at
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, smoothing
 from poise.types import Array
 
 _MOST_ROUNDS = 8
@@ -103,9 +102,8 @@ def _beside_smoothing(recorded: RecordedMotion, values: Array) -> Array:
     """
 
     def made() -> Array:
-        blurred = [gaussian_filter1d(recorded.nominal, width / recorded.period, axis=0) for width in _SMOOTHING]
-        rest = beside_errors(recorded, np.hstack(blurred) - np.tile(recorded.nominal, len(_SMOOTHING)))
-        return np.asarray(np.linalg.qr(rest)[0])
+        changes = smoothing(recorded.nominal, recorded.period, _SMOOTHING).reshape(len(recorded), -1)
+        return np.asarray(np.linalg.qr(beside_errors(recorded, changes))[0])
 
     basis = recorded.once("smoothing", made)
     values = beside_errors(recorded, values)

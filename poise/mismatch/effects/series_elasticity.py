@@ -40,8 +40,7 @@ class SeriesElasticity(Effect):
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
         track = efforts(recorded)
-        period = float(np.median(np.diff(track.seconds)))
-        bend = -gaussian_filter1d(track.rigid, _BAND / period, axis=0, mode="nearest")
+        bend = -gaussian_filter1d(track.rigid, _BAND / track.period, axis=0, mode="nearest")
         rate = np.gradient(bend, track.seconds, axis=0)
         second = np.gradient(rate, track.seconds, axis=0)
         return np.asarray(track.by_acceleration * second[:, None, :] + track.by_position * bend[:, None, :])

@@ -5,20 +5,18 @@ that no hypothesis wins by correcting them, up to the edges of all at once. A ca
 columns without the bounds: it wins where the data contradict the tolerance.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 from scipy.special import eval_legendre
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.inference.reversals import friction_known, reversal_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques, smoothing
 from poise.types import Array, Mask
 
 CALIBRATION_BOUND = 1.1
@@ -124,12 +122,7 @@ def _blur(recorded: RecordedMotion) -> CalibrationGroup:
     wrench = recorded.nominal
     if recorded.lag:
         wrench = at_times(recorded.seconds, wrench, recorded.seconds - recorded.lag)
-    return _blurred(wrench, recorded.period, _BLURS, lasting=recorded.lag == 0.0)
-
-
-def _blurred(nominal: Array, period: float, widths: Sequence[float], *, lasting: bool) -> CalibrationGroup:
-    calm = [gaussian_filter1d(nominal, width / period, axis=0, mode="nearest") - nominal for width in widths]
-    return CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=lasting)
+    return CalibrationGroup("blur", smoothing(wrench, recorded.period, _BLURS), np.inf, lasting=recorded.lag == 0.0)
 
 
 def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
@@ -190,7 +183,7 @@ def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Toleran
         CalibrationGroup("links", links * tolerance.link_mass, lasting=True),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt, lasting=True),
         CalibrationGroup("clock", _late(track, tolerance.clock_offset), lasting=True),
-        _blurred(track.rigid, float(np.median(np.diff(track.seconds))), _EFFORT_BLURS, lasting=True),
+        CalibrationGroup("blur", smoothing(track.rigid, track.period, _EFFORT_BLURS), np.inf, lasting=True),
         *rest,
         *((_reversals(track),) if friction_known(track) else ()),
     )

@@ -50,12 +50,7 @@ class HeldOutProof:
     @property
     def worse(self) -> bool:
         """Whether the effects increase the error, by more than the resolution of its estimate."""
-        return self.remaining > 1.0 + _EQUAL
-
-    @property
-    def remaining(self) -> float:
-        """The error that the effects leave, relative to that of the nominal model; NaN where no sample was held out."""
-        return self.augmented / max(self.in_range, 1e-12)
+        return self.augmented / max(self.in_range, 1e-12) > 1.0 + _EQUAL
 
     @property
     def excess(self) -> float:

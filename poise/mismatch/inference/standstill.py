@@ -30,7 +30,7 @@ _MARGIN = 4.0
 
 def standing(track: EffortTrack) -> Mask:
     """(M, J) where a joint stands still."""
-    span = max(int(_SPAN / float(np.median(np.diff(track.seconds)))), 1)
+    span = max(int(_SPAN / track.period), 1)
     speed = np.abs(track.velocity)
     usual = np.quantile(speed, 0.99, axis=0)
     mean = np.abs(uniform_filter1d(track.velocity, span, axis=0, mode="nearest"))

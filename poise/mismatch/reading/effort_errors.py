@@ -175,7 +175,7 @@ def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
 
 def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
     track = comparison.track
-    step = max(float(np.median(np.diff(track.seconds))), _SHORTEST_LAG / 2.0)
+    step = max(track.period, _SHORTEST_LAG / 2.0)
     most = int(_LONGEST_LAG / step)
     for shift in range(-most, most + 1):
         lag = shift * step

@@ -14,7 +14,7 @@ from poise.mismatch.recorded.recorded_motion import (
     RecordedMotion,
     moving,
 )
-from poise.mismatch.recorded.resampling import at_times, hermite, linear_at
+from poise.mismatch.recorded.resampling import at_times, hermite, linear_at, smoothing
 
 __all__ = [
     "AT_REST",
@@ -39,6 +39,7 @@ __all__ = [
     "motion_response",
     "moving",
     "noise_level",
+    "smoothing",
     "white_level",
     "wrench_of_torques",
 ]

@@ -132,6 +132,11 @@ class EffortTrack:
     stuck: Mask | None = None
 
     @cached_property
+    def period(self) -> float:
+        """s, the median time between samples."""
+        return float(np.median(np.diff(self.seconds)))
+
+    @cached_property
     def moves(self) -> Mask:
         """(J,) joints that do not stand still."""
         return moving(self.position)

@@ -1,12 +1,21 @@
-"""Values interpolated at other times, linearly or by cubic splines.
+"""Values interpolated at other times, linearly or by cubic splines, and smoothed.
 
 scipy.interpolate would do the same, but with scipy.optimize it takes longer to import than a short diagnosis computes.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg.lapack import dgtsv
+from scipy.ndimage import gaussian_filter1d
 
 from poise.types import Array
+
+
+def smoothing(values: Array, period: float, widths: Sequence[float]) -> Array:
+    """(N, C, K) by how much Gaussian filters of widths (K), s, change values (N, C) that are `period`, s, apart."""
+    smooth = [gaussian_filter1d(values, width / period, axis=0, mode="nearest") for width in widths]
+    return np.stack([each - values for each in smooth], axis=2)
 
 
 def at_times(seconds: Array, values: Array, wanted: Array) -> Array:
