@@ -99,7 +99,7 @@ class Cable(Effect):
                 """(6 N, 8) of `unexplained`, whose stiffness follows the cord (variable projection; Kaufman 1975)."""
                 line, pull, stiffness = pulled(cord)
                 change = line.slopes(few, np.sign(cord[[3, 7]]))
-                flat = beside_errors(few, change.reshape(len(few), -1)).reshape(change.shape)
+                flat = beside_errors(few, change)
                 flat = (flat * weight[:, None]).reshape(-1, len(cord))
                 along = pull.ravel() / max(float(np.linalg.norm(pull)), 1e-12)
                 return np.asarray(-stiffness * (flat - np.outer(along, along @ flat)))

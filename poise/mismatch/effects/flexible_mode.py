@@ -74,7 +74,7 @@ class FlexibleMode(Effect):
         found = []
         for frequency in _FREQUENCIES:
             columns = self._tensor(recorded, place, frequency, 0.05)
-            bare = beside_errors(recorded, columns.reshape(len(columns), -1)).reshape(columns.shape)
+            bare = beside_errors(recorded, columns)
             flat = (bare * weight[:, None]).reshape(-1, 6)
             entries, _ = best_fit(flat, wanted)
             matrix = np.zeros((3, 3))

@@ -19,7 +19,8 @@ from poise.mismatch.effects.part_wrench import (
     swing_frequency,
 )
 from poise.mismatch.effects.rope_motion import hanging_rope, rope_modes
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.effects.starts import noise_in
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _LENGTHS, _STARTS = np.geomspace(0.04, 1.0, 25), 3
@@ -71,7 +72,7 @@ class HangingChain(Effect):
         swings = [{**each, "tip": _TIP} for each in likely_swings(recorded, residual, _LENGTHS, _DAMPING, _STARTS)]
         yield from swings
         few, left = coarsely(recorded, residual, _SAMPLES)
-        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+        weight = 1.0 / noise_in(recorded, residual)
         there = (beside_errors(few, left) * weight).ravel()
         squares = [float(np.sum(self._rest(few, there, weight, values) ** 2)) for values in swings]
         if min(squares) < (1.0 - _FEEBLE) * float(there @ there):

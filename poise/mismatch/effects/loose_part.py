@@ -25,7 +25,8 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.effects.starts import noise_in
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _STAGES, _SCREENED = ((15, 10, 1.0), (5, 18, 0.6), (2, 14, 0.3)), 5
@@ -87,7 +88,7 @@ class LoosePart(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Knocks give the place, the axis and the gap; so does the torque of the part at rest."""
         wanted = residual - residual.mean(axis=0)
-        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+        weight = 1.0 / noise_in(recorded, residual)
         readings = find_knocks(recorded.seconds, wanted[:, :3], 1.0 / weight[:3])
         bent = _bent(recorded, residual)
         found = self._from_rest(recorded, bent, weight)

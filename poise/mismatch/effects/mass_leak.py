@@ -16,7 +16,8 @@ from poise.mismatch.effects.part_wrench import (
     place_of,
     point_wrench,
 )
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.effects.starts import noise_in
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _LONGER, _SHORTEST = 1.3, 0.05
@@ -64,7 +65,7 @@ class MassLeak(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The best of several times, with the place that the moment implies: a leak to the end, and one that ends."""
-        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+        weight = 1.0 / noise_in(recorded, residual)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
         begin, whole = float(recorded.seconds[0]), recorded.duration

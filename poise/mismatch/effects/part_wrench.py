@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from poise.geometry import cross, cross_matrix
 from poise.mismatch.effects.part_motion import hanging
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.effects.starts import noise_in
+from poise.mismatch.recorded import RecordedMotion, shown_by_efforts
 from poise.types import Array
 
 POINT_PARAMETERS = ("x", "y", "z")
@@ -98,7 +99,7 @@ def likely_swings(
     """Lengths (best first) and pivots, with a damping ratio, of pendulums whose swing fits a residual (N, 6)."""
     recorded, residual = coarsely(recorded, residual, _SWING_SAMPLES)
     wanted = beside_errors(recorded, residual)
-    weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+    weight = 1.0 / noise_in(recorded, residual)
     place = payload_centre(recorded)
     found = []
     for length in lengths.tolist():
@@ -130,9 +131,14 @@ def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[Re
 
 
 def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
-    """(N, C) channels of wrenches without what a bias, gains and a shifted centre of mass explain of each."""
-    basis = error_states(recorded)
-    return np.asarray(values - basis @ (basis.T @ values))
+    """(N, 6, ...) wrenches without what a bias, gains and a shifted centre of mass explain of each channel.
+
+    Without a wrench sensor, only what the joint efforts show of wrenches remains: a residual holds nothing else.
+    """
+    if not recorded.has("wrench") and recorded.has("effort"):
+        values = shown_by_efforts(recorded, values)
+    basis, flat = error_states(recorded), values.reshape(len(values), -1)
+    return np.asarray(flat - basis @ (basis.T @ flat)).reshape(values.shape)
 
 
 def error_states(recorded: RecordedMotion) -> Array:

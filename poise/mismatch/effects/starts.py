@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.geometry import runs
-from poise.mismatch.recorded import RecordedMotion, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level, wrench_rounding
 from poise.types import Array, Mask
 
 _GRID = 49
@@ -15,10 +15,20 @@ _ENDS = 12.0
 """Half the drop of the squared residual that the end of a span must win over a change that stays."""
 
 
+def noise_in(recorded: RecordedMotion, residual: Array) -> Array:
+    """(C,) white noise of a residual (N, C), > 0; of wrenches (C = 6), at least the rounding of the sensor.
+
+    A channel that rests on one step of a coarse sensor shows no noise; what it follows between two steps is no effect.
+    """
+    level = np.maximum(white_level(residual), 1e-9)
+    if residual.shape[1] != recorded.wrench.shape[1]:
+        return level
+    return np.asarray(np.maximum(level, wrench_rounding(recorded.wrench)))
+
+
 def scaled(recorded: RecordedMotion, residual: Array) -> Array:
     """(N, C) residual in units of each channel's white noise."""
-    del recorded
-    return np.asarray(residual / np.maximum(white_level(residual), 1e-12))
+    return np.asarray(residual / noise_in(recorded, residual))
 
 
 def steps(
@@ -38,7 +48,8 @@ def steps(
     Yields:
         (begin, end), s; the end is infinite for what stays.
     """
-    spans = SpanFits(scaled(recorded, residual), columns / np.maximum(white_level(residual), 1e-12)[:, None])
+    noise = noise_in(recorded, residual)
+    spans = SpanFits(residual / noise, columns / noise[:, None])
     samples = len(recorded)
     gain = spans.gain(np.arange(1, samples), samples)
     middle = np.concatenate([recorded.seconds[:1], (recorded.seconds[1:] + recorded.seconds[:-1]) / 2])

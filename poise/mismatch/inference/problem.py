@@ -15,7 +15,7 @@ from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.inference.reversals import friction_known
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import RecordedMotion, lattice
+from poise.mismatch.recorded import RecordedMotion, lattice, wrench_rounding
 from poise.types import Array, Mask
 
 _BREAK = 2.0
@@ -365,11 +365,8 @@ def signal_noise(
         seconds, speed, motion = recorded.seconds, recorded.speed, recorded.motion_variance
         measured, expected = recorded.wrench, recorded.prediction
         # Rounding is noise as well, even where readings are constant.
-        stated = [
-            max(0.5 * (given or 0.0), lattice(recorded.wrench[:, part]) / np.sqrt(12.0))
-            for given, part in ((model.noise_force, slice(0, 3)), (model.noise_torque, slice(3, 6)))
-        ]
-        least = np.repeat(stated, 3)
+        stated = np.repeat([0.5 * (given or 0.0) for given in (model.noise_force, model.noise_torque)], 3)
+        least = np.maximum(stated, wrench_rounding(measured))
     else:
         track = recorded.effort
         seconds, speed, motion = track.seconds, np.linalg.norm(track.velocity, axis=1), track.motion_variance

@@ -1,10 +1,17 @@
 """One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
-from poise.mismatch.recorded.joint_torques import joint_torques, wrench_of_torques
+from poise.mismatch.recorded.joint_torques import joint_torques, shown_by_efforts, wrench_of_torques
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
-from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
+from poise.mismatch.recorded.noise_levels import (
+    NoiseLevel,
+    block_means,
+    lattice,
+    noise_level,
+    white_level,
+    wrench_rounding,
+)
 from poise.mismatch.recorded.recorded_motion import (
     AT_REST,
     BaseTrack,
@@ -39,7 +46,9 @@ __all__ = [
     "motion_response",
     "moving",
     "noise_level",
+    "shown_by_efforts",
     "smoothing",
     "white_level",
     "wrench_of_torques",
+    "wrench_rounding",
 ]

@@ -38,6 +38,23 @@ def wrench_of_torques(recorded: RecordedMotion, torque: Array) -> Array:
     return np.asarray(-scale * np.einsum("ncj,nj->nc", scaled, np.linalg.solve(square, there[:, :, None])[:, :, 0]))
 
 
+def shown_by_efforts(recorded: RecordedMotion, wrench: Array) -> Array:
+    """(N, 6, ...) what joint efforts show of wrenches on the sensor: the smallest wrenches with the same efforts.
+
+    Raises:
+        ValueError: without joints or efforts.
+    """
+
+    def made() -> Array:
+        jacobian, _ = _jacobian(recorded)
+        scale = np.repeat([1.0, _LEVER], 3)
+        scaled = jacobian * scale[:, None]
+        square = scaled.swapaxes(1, 2) @ scaled + _DAMPING**2 * np.eye(jacobian.shape[2])
+        return np.asarray(scale[:, None] * (scaled @ np.linalg.solve(square, scaled.swapaxes(1, 2))) / scale)
+
+    return np.einsum("ncd,nd...->nc...", recorded.once("shown by efforts", made), wrench)
+
+
 def _jacobian(recorded: RecordedMotion) -> tuple[Array, Array]:
     """(N, 6, J) of the joints with efforts, and the stamps (M,) of these."""
     joints, effort = recorded.joints, recorded.effort

@@ -141,3 +141,8 @@ def lattice(values: Array) -> float:
     step = float(np.polyfit(counts, levels, 1)[0])
     off = np.abs(levels / step - np.round(levels / step))
     return step if np.quantile(off, 0.99) < 0.04 else 0.0
+
+
+def wrench_rounding(wrench: Array) -> Array:
+    """(6,) one sigma of the rounding of wrenches (N, 6), one step for forces and one for torques; 0 without."""
+    return np.repeat([lattice(wrench[:, part]) / np.sqrt(12.0) for part in (slice(0, 3), slice(3, 6))], 3)
