@@ -12,7 +12,7 @@ from field_robots import ARM, Recorded, read, streams, urdf
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.reading import NominalModel, joined, parse_model, read_streams
+from poise.mismatch.reading import NominalModel, acting_on_efforts, joined, parse_model, read_streams
 from poise.recording import JointStream, PoseStream, write_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot
@@ -41,20 +41,42 @@ def test_friction_is_named_from_joint_efforts_alone(text: str) -> None:
     assert not diagnose(healthy.recorded, healthy.model, library=effects_called(["viscous_friction"])).findings
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_a_load_on_one_axis_is_not_a_gain_and_a_rotor(seed: int) -> None:
-    """A gain and a rotor have the response of a load here, with fewer parameters each: one cause is simpler."""
+def loaded_axis(seed: int, load: Array, seconds: float = 16.0) -> JointStream:
+    """One axis with a load (10,) that nobody told the model of."""
     robot, rng = RobotModel.from_urdf(TURN, "link_1"), np.random.default_rng(seed)
-    at = np.arange(2000) / 125.0
-    moved = FourierTrajectory.random(robot, rng, duration=16.0, speed=1.0, frequency=0.3).at(at)
-    load = np.array([0.5, 0.025, 0.0, 0.0, 0.01, 0.0, 0.0, 0.01125, 0.0, 0.01])
+    at = np.arange(round(125.0 * seconds)) / 125.0
+    moved = FourierTrajectory.random(robot, rng, duration=seconds, speed=1.0, frequency=0.3).at(at)
     effort = IdealRobot(robot, load).effort(moved) + 0.05 * rng.normal(size=(len(at), 1))
     position = moved.position + 1e-5 * rng.normal(size=effort.shape)
     stamps = np.round((at + 100.0) * 1e9).astype(np.int64)
-    reading = read(JointStream(stamps, robot.joint_names, position, moved.velocity, effort), TURN)
+    return JointStream(stamps, robot.joint_names, position, moved.velocity, effort)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_load_on_one_axis_is_not_a_gain_and_a_rotor(seed: int) -> None:
+    """A gain and a rotor have the response of a load here, with fewer parameters each: one cause is simpler."""
+    load = np.array([0.5, 0.025, 0.0, 0.0, 0.01, 0.0, 0.0, 0.01125, 0.0, 0.01])
+    reading = read(loaded_axis(seed, load), TURN)
     tried = ["motor_gain", "motor_inertia", "payload_parameters", "viscous_friction", "coulomb_friction"]
     (named,) = diagnose(reading.recorded, reading.model, library=effects_called(tried)).findings
     assert named.effect.name == "payload_parameters"
+
+
+def test_a_soft_grasp_on_one_axis_is_searched_in_what_its_efforts_show() -> None:
+    """One effort shows one of six channels of a wrench; the others would outweigh it in the choice of a start."""
+    load = np.array([1.7, 0.05, 0.0, 0.17, 0.023, 0.0, -0.005, 0.022, 0.0, 0.006])
+    recorded = read(loaded_axis(1, load), TURN, NominalModel(phi=load)).recorded
+    (grasp,) = (acting_on_efforts(each) for each in effects_called(["grasp_compliance"]))
+    assert grasp is not None
+    for stiffness in (12.0, 40.0, 150.0):
+        residual = grasp.simulate(recorded, {"stiffness": stiffness, "damping_ratio": 0.25, "height": 0.03})
+        rest = []
+        for start in grasp.starts(recorded, residual):
+            response = grasp.simulate(recorded, start)
+            scale = np.vdot(response, residual) / np.vdot(response, response)
+            rest.append(float(np.sum((residual - scale * response) ** 2) / np.sum(residual**2)))
+            assert start["stiffness"] == pytest.approx(stiffness, rel=0.7)
+        assert min(rest) < 0.6
 
 
 def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() -> None:

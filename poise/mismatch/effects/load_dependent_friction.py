@@ -47,8 +47,9 @@ class LoadDependentFriction(DryFriction):
         return (*reversal_parameters(recorded), _INERTIAL, *ratios)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        for law in reversals_by_law(recorded, residual):
-            for inertial in (1.0, 0.0):
+        _, smooth, _, bent, soft = reversals_by_law(recorded, residual)
+        for inertial in (1.0, 0.0):
+            for law in (smooth, bent, soft):
                 yield {**law, _INERTIAL.name: inertial}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

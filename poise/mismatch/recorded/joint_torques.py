@@ -52,7 +52,7 @@ def shown_by_efforts(recorded: RecordedMotion, wrench: Array) -> Array:
         square = scaled.swapaxes(1, 2) @ scaled + _DAMPING**2 * np.eye(jacobian.shape[2])
         return np.asarray(scale[:, None] * (scaled @ np.linalg.solve(square, scaled.swapaxes(1, 2))) / scale)
 
-    return np.einsum("ncd,nd...->nc...", recorded.once("shown by efforts", made), wrench)
+    return np.asarray(np.einsum("ncd,nd...->nc...", recorded.once("shown by efforts", made), wrench))
 
 
 def _jacobian(recorded: RecordedMotion) -> tuple[Array, Array]:
