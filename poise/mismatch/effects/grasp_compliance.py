@@ -22,8 +22,8 @@ _LARGEST = 0.5
 _STARTING = 0.02
 """s between the samples from which a search begins."""
 _STIFFNESSES = tuple(np.geomspace(8.0, 1000.0, 11).tolist())
-"""N m/rad from which the search may begin; a spring of 0.2 of critical damping answers within 40 %."""
-_HEIGHTS, _DAMPING_RATIOS = (0.0, 0.05), (0.2, 0.6)
+"""N m/rad from which the search may begin, with some damping that makes their resonances overlap."""
+_HEIGHTS, _DAMPING_RATIO = (0.0, 0.05), 0.35
 _SCALE = 1.5
 """Largest scale of a response that is compared: stiffness, damping and height all change its size."""
 _SMOOTHING = (0.03, 0.12)
@@ -62,9 +62,9 @@ class GraspCompliance(Effect):
         weight = np.repeat([1.0, 20.0], 3)
         straight = partial(_beside_smoothing, recorded)
         wanted, scores = straight(residual) * weight, []
-        for height, damping_ratio, stiffness in product(_HEIGHTS, _DAMPING_RATIOS, _STIFFNESSES):
-            values = {"stiffness": stiffness, "damping_ratio": damping_ratio, "height": height}
-            response = recorded.once(("grasp", *values.values()), partial(self._simulated, recorded, values, rounds=1))
+        for height, stiffness in product(_HEIGHTS, _STIFFNESSES):
+            values = {"stiffness": stiffness, "damping_ratio": _DAMPING_RATIO, "height": height}
+            response = recorded.once(("grasp", height, stiffness), partial(self._simulated, recorded, values, rounds=1))
             along = straight(response) * weight
             scale = np.vdot(along, wanted) / max(float(np.vdot(along, along)), 1e-12)
             scores.append((float(np.sum((wanted - min(max(scale, 0.0), _SCALE) * along) ** 2)), values))
