@@ -129,7 +129,7 @@ TYPICAL = {
     | {f"stiction_{i}": 6.0 if i < 4 else 1.2 for i in range(1, 7)}
     | {f"damping_{i}": 2.0 if i < 4 else 0.4 for i in range(1, 7)},
     "load_dependent_friction": {"inertial": 1.0, "transition": 0.02, "ratio_2": 0.08, "ratio_3": 0.08},
-    "position_friction": {"transition": 0.02, "sine_1": 3.0, "cosine_6": -0.8},
+    "position_friction": {"transition": 0.02, "torque_1": 4.0, "torque_6": 1.0, "sine_1": 3.0, "cosine_6": -0.8},
     "temperature_drift": {"time_constant": 25.0, "damping_1": 4.0, "torque_2": 4.0, "damping_3": 3.0},
     "motor_gain": {"gain_2": 0.1, "gain_3": -0.08, "gain_1": 0.07},
     "effort_offset": {"offset_1": 2.0, "offset_2": -3.0, "offset_5": 0.5},
