@@ -42,7 +42,7 @@ def test_friction_is_named_from_joint_efforts_alone(text: str) -> None:
 
 
 def loaded_axis(seed: int, load: Array, seconds: float = 16.0) -> JointStream:
-    """One axis with a load (10,) that nobody told the model of."""
+    """One axis with a load (10,), as its driver reports it."""
     robot, rng = RobotModel.from_urdf(TURN, "link_1"), np.random.default_rng(seed)
     at = np.arange(round(125.0 * seconds)) / 125.0
     moved = FourierTrajectory.random(robot, rng, duration=seconds, speed=1.0, frequency=0.3).at(at)
