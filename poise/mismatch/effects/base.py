@@ -268,6 +268,16 @@ class Effect(ABC):
         del recorded, values
         return ()
 
+    def law(self, values: Values) -> str:
+        """The one of its laws that these values follow, where it has several; the best starts of each are compared."""
+        del values
+        return ""
+
+    def free(self, values: Values) -> bool:
+        """Whether its course is free at these values, see `free_course`."""
+        del values
+        return self.free_course
+
     def general_at(self, start: Values) -> bool:
         """Whether it can imitate several other effects from this starting point, see `general`."""
         del start
