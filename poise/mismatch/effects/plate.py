@@ -200,20 +200,27 @@ class _PlateSearch:
                 level = np.quantile(along, 1.0 - share, axis=0)
                 pull = -ways * (np.maximum((along - level) / _UNIT, 0.0) ** _HERTZ)[:, None]
                 falls, places = self._explained(pull, hook)
-                found += [(float(falls[k]), normals[k], share, places[k]) for k in np.argsort(-falls)[:_TRIED]]
-        kept: list[tuple[float, Array, float, Array]] = []
+                found += [(float(falls[k]), normals[k], share, hook, places[k]) for k in np.argsort(-falls)[:_TRIED]]
+        kept: list[tuple[float, Array, float, Array, Array]] = []
         for each in sorted(found, key=lambda each: -each[0]):
             if each[0] < _LEAST or len(kept) == _TRIED:
                 break
             if all(each[1] @ other[1] < _DISTINCT for other in kept):
                 kept.append(each)
-        shapes = ((normal, place, self._deepest(normal, place, share)) for _, normal, share, place in kept)
-        return [_values(self.few, *shape) for shape in shapes]
+        # A place that torques say says little where they are noisy: the point that was tried may be better.
+        starts = ([self._start(normal, share, hook) for hook in hooks] for _, normal, share, *hooks in kept)
+        return [max(pair, key=self._explains) for pair in starts]
 
-    def _deepest(self, normal: Array, hook: Array, share: float) -> float:
-        """m that a point of the tool is inside a plate, at the most, where it is inside for a share of the samples."""
+    def _start(self, normal: Array, share: float, hook: Array) -> dict[str, float]:
+        """A plate inside which a point of the tool is for a share of the samples."""
         height = (self.few.position_in_world + self.few.rotation_world_sensor @ hook) @ normal
-        return float(height.max() - np.quantile(height, 1.0 - share))
+        return _values(self.few, normal, hook, float(height.max() - np.quantile(height, 1.0 - share)))
+
+    def _explains(self, values: Values) -> float:
+        """How much of the square a plate explains."""
+        near = self.near(values)
+        target = near.wanted.ravel()
+        return float(np.sum(target**2) - nnls(near.beside(plate_wrenches(near.few, values)), target)[1] ** 2)
 
     def _hooks(self) -> tuple[Array, ...]:
         """Points of the tool from which the search begins."""
