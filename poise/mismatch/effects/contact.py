@@ -15,6 +15,7 @@ from poise.mismatch.effects.plate import (
     PLATE,
     PUSHES,
     depth_inside,
+    friction,
     inward,
     no_plate,
     peak_on_plate,
@@ -65,7 +66,7 @@ class PlateContact(Effect):
     name = "contact"
     layer = "event"
     equation = (
-        "tau = p x f; of a plate f = -(d / 1 cm)^e R^T (P n + D n d' / (0.1 m/s) + S v/|v|) for depths d > 0; else "
+        "tau = p x f; of a plate f = -(d / 1 cm)^e R^T ((P + S + D d' / (0.1 m/s)) n + S v/|v|) for depths d > 0; else "
         "f = R^T sum_k h_k(t) F_k, h_k: hat functions, zero at both ends of the window"
     )
     source = "Hunt and Crossley 1975 with Coulomb friction; a unilateral contact described by the course of its force"
@@ -218,7 +219,7 @@ class PlateContact(Effect):
             return found
         normal = {f"normal_{axis}": (-float(n), "") for axis, n in zip("xyz", inward(values), strict=True)}
         deepest = (float(depth_inside(recorded, values).max()), "m")
-        return {**found, **normal, "depth": deepest, "friction": (values["rub"] / max(values["press"], 1e-9), "")}
+        return {**found, **normal, "depth": deepest, "friction": (friction(values), "")}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         if _of_plate(values):

@@ -30,6 +30,9 @@ _SURFACE = ("surface_x", "surface_y", "surface_z")
 REFINED = ("tilt_u", "tilt_v", "height", *_POINT)
 """What a search refines."""
 PUSHES = ("press", "damping", "rub")
+"""Sizes of the force of a smooth plate, of its growth with the speed, and of the force of the roughest plate."""
+_ROUGHEST = 1.0
+"""Coefficient of friction of the roughest plate: the sizes are positive, so that the force stays in its cone."""
 PLATE = ("face", *_SURFACE, "tilt_u", "tilt_v", "height", "exponent", *PUSHES)
 """Parameters of a plate, beside the point of the tool."""
 _UNIT, _FAST, _SLOW = 0.01, 0.1, 0.005
@@ -48,12 +51,11 @@ _LEAST = 30.0
 """Squares in units of the residual that a first guess must explain: noise gives less."""
 _APPROX = 1e-3
 """Relative changes of plate and error that end a search."""
-_PRESSED = {"press": 1.0, "damping": 0.0, "rub": 0.0}
 _DISTINCT = 0.85
 """Cosine between normals that are searched from separately."""
-_DEEPEST, _LONGEST, _SLIPPERY, _PULL = 0.1, 0.35, 1.5, 0.4
-"""m that a tool can press into what it touches; share of the samples in which it touches; coefficient of friction;
-force against the push, relative to the largest."""
+_DEEPEST, _LONGEST, _PULL = 0.1, 0.35, 0.4
+"""m that a tool can press into what it touches; share of the samples in which it touches; force against the push,
+relative to the largest."""
 
 
 def plate_parameters() -> tuple[EffectParameter, ...]:
@@ -112,8 +114,14 @@ def _pushes(recorded: RecordedMotion, values: Values) -> tuple[NDArray[np.intp],
     slip = level / np.sqrt(np.sum(level**2, axis=1, keepdims=True) + _SLOW**2)
     along = np.broadcast_to(normal, slip.shape)
     pressure = (depth[rows] / _UNIT) ** values["exponent"]
-    forces = -pressure[:, None, None] * np.stack([along, along * (closing / _FAST)[:, None], slip], axis=2)
+    rough = along + _ROUGHEST * slip
+    forces = -pressure[:, None, None] * np.stack([along, along * (closing / _FAST)[:, None], rough], axis=2)
     return rows, np.asarray(np.swapaxes(turn, 1, 2) @ forces)
+
+
+def friction(values: Values) -> float:
+    """Coefficient of friction of a plate."""
+    return _ROUGHEST * values["rub"] / max(values["press"] + values["rub"], 1e-9)
 
 
 def touches(recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
@@ -130,11 +138,9 @@ def no_plate(recorded: RecordedMotion, values: Values) -> str:
         return f"the tool would touch it for {100 * share:.0f} % of the time"
     if deepest > _DEEPEST:
         return f"it would give way by {100 * deepest:.0f} cm"
-    if values["rub"] > _SLIPPERY * values["press"]:
-        return "it would rub without pressing"
     rows, pushes = _pushes(recorded, values)
     outward = -np.einsum("nji,j->ni", recorded.rotation_world_sensor[rows], inward(values))
-    pressed = np.einsum("ni,nik->nk", outward, pushes) @ [values["press"], values["damping"], 0.0]
+    pressed = np.einsum("ni,nik->nk", outward, pushes) @ [values[name] for name in PUSHES]
     return "what it presses it would also pull" if -pressed.min() > _PULL * pressed.max() else ""
 
 
@@ -153,9 +159,10 @@ def plate_starts(recorded: RecordedMotion, residual: Array) -> Iterator[dict[str
     few, left = coarsely(recorded, residual, recorded.period * (len(recorded) / _SAMPLES - 1.0))
     search = _PlateSearch.of(few, left)
     found = [search.refined(start) for start in search.likely()]
-    possible = [each for each in found if each[0] > _LEAST and not no_plate(few, {**_PRESSED, **each[1]})]
+    possible = [each for each in found if each[0] > _LEAST and not no_plate(few, each[1])]
     if possible:
-        yield max(possible, key=lambda each: each[0])[1]
+        best = max(possible, key=lambda each: each[0])[1]
+        yield {name: value for name, value in best.items() if name not in PUSHES}
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +264,7 @@ class _PlateSearch:
         return np.asarray((left * self.weight[:, None]).reshape(-1, seen.shape[2]))
 
     def refined(self, start: Values) -> tuple[float, dict[str, float]]:
-        """How much of the square a plate explains, and its values."""
+        """How much of the square a plate explains near a starting point, and its values."""
         near = self.near(start)
         target = near.wanted.ravel()
 
@@ -281,10 +288,11 @@ class _PlateSearch:
 
         first = np.array([start[name] for name in REFINED])
         found = least_squares(unexplained, first, slopes, max_nfev=_STEPS, x_scale="jac", ftol=_APPROX, xtol=_APPROX)
-        values = parted(found.x)[0]
+        values, _, sizes = parted(found.x)
         deepest, hook = float(depth_inside(self.few, values).max()), np.array([values[name] for name in _POINT])
         fall = float(np.sum(target**2) - 2.0 * found.cost)
-        return fall, _values(self.few, inward(values), np.clip(hook, -0.9 * _REACH, 0.9 * _REACH), deepest)
+        plate = _values(self.few, inward(values), np.clip(hook, -0.9 * _REACH, 0.9 * _REACH), deepest)
+        return fall, plate | dict(zip(PUSHES, sizes.tolist(), strict=True))
 
 
 def plate_slopes(recorded: RecordedMotion, values: Values, sizes: Array) -> Array:
@@ -298,7 +306,7 @@ def plate_slopes(recorded: RecordedMotion, values: Values, sizes: Array) -> Arra
     force = pushes @ sizes
     forces = force[:, :, None] * (values["exponent"] * deeper / depth[rows, None])[:, None]
     # The part along the normal turns with it.
-    along = np.einsum("nij,i,nj->n", turn, normal, pushes @ (sizes * [1.0, 1.0, 0.0]))
+    along = np.einsum("nij,i,nj->n", turn, normal, force)
     forces[:, :, :2] += along[:, None, None] * (np.swapaxes(turn, 1, 2) @ tilts)
     out = np.zeros((len(recorded), 6, len(REFINED)))
     out[rows, :3] = forces

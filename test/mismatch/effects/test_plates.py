@@ -32,7 +32,7 @@ def plate(at, normal, depth, exponent=1.5, **pushes):
 def touched(at, apart=0.0):
     """A normal with which the tool touches twice or more, for a tenth of the time at the most."""
     for normal in sphere_directions(60):
-        values = plate(at, normal, 0.02, press=2.0, rub=0.6)
+        values = plate(at, normal, 0.02, press=1.4, rub=0.6)
         windows = touches(at, values)
         brief = np.mean(depth_inside(at, values) > 0.0) < 0.1
         long = [end - start for start, end in windows if end - start > 0.3]
@@ -44,7 +44,7 @@ def touched(at, apart=0.0):
 def test_a_plate_pushes_by_its_depth_and_rubs_against_the_sliding():
     at = recorded(jitter=0.0)
     normal = sphere_directions(17)[5]
-    values = plate(at, normal, 0.03, press=3.0, rub=1.2)
+    values = plate(at, normal, 0.03, press=1.8, rub=1.2)
     np.testing.assert_allclose(inward(values), normal, atol=1e-12)
     found = CONTACT.simulate(at, values)
     path = at.position_in_world + at.rotation_world_sensor @ HOOK
@@ -65,7 +65,7 @@ def test_a_plate_pushes_by_its_depth_and_rubs_against_the_sliding():
 
 def test_the_sentence_and_the_numbers_of_a_plate():
     at = recorded(jitter=0.0)
-    values = plate(at, touched(at), 0.02, press=2.0, rub=0.6)
+    values = plate(at, touched(at), 0.02, press=1.4, rub=0.6)
     derived = CONTACT.derived(at, values)
     assert derived["friction"][0] == pytest.approx(0.3)
     assert derived["depth"][0] == pytest.approx(0.02)
@@ -76,7 +76,6 @@ def test_the_sentence_and_the_numbers_of_a_plate():
     assert CONTACT.implausible(at, values) == ""
     assert not CONTACT.free(values)
     assert "touch it for" in CONTACT.implausible(at, plate(at, touched(at), 0.15, press=2.0))
-    assert "rub" in CONTACT.implausible(at, {**values, "rub": 4.0})
     assert "pull" in CONTACT.implausible(at, {**values, "damping": 60.0})
 
 
@@ -97,7 +96,7 @@ def on_plate(found):
 @pytest.mark.parametrize(("seed", "exponent"), [(2, 1.5), (3, 1.0)])
 def test_a_plate_that_is_touched_again_is_found_through_noise(seed, exponent):
     at = recorded(jitter=0.0, seed=seed)
-    values = plate(at, touched(at, 1.0), 0.02, exponent, press=2.0, rub=0.6)
+    values = plate(at, touched(at, 1.0), 0.02, exponent, press=1.4, rub=0.6)
     noise = np.random.default_rng(seed).normal(size=at.wrench.shape) * NOISE
     (found,) = on_plate(CONTACT.starts(at, beside_errors(at, CONTACT.simulate(at, values) + noise)))
     assert inward(found) @ inward(values) > 0.97
@@ -107,7 +106,7 @@ def test_a_plate_that_is_touched_again_is_found_through_noise(seed, exponent):
 
 def test_a_plate_is_found_in_joint_efforts():
     at = effort_world()
-    values = plate(at, touched(at), 0.02, press=3.0, rub=0.9)
+    values = plate(at, touched(at), 0.02, press=2.1, rub=0.9)
     alone = replace(at, wrench=np.full_like(at.wrench, np.nan))
     torque = joint_torques(at, CONTACT.simulate(at, values)[:, :, None])[:, :, 0]
     noise = np.random.default_rng(5).normal(size=torque.shape) * 0.05
