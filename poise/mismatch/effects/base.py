@@ -300,7 +300,10 @@ class Effect(ABC):
         at an end of its range. An effect with bounds on derived quantities (a path, a total mass) overrides this
         and asks its base class, too.
         """
+        inert = self.inert(values)
         for p in self.parameters(recorded):
+            if p.name in inert or not (p.linear or p.peaked):
+                continue
             if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):
                 return f"{p.name} would be {values[p.name]:.3g} {p.unit}".rstrip()
         return ""
