@@ -222,9 +222,9 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
 
 
 def _stays(problem: Problem, part: FittedEffect) -> bool:
-    """Whether an event lasts to the end of the recording."""
+    """Whether an event lasts to the end of the recording; one that comes again does not, even if it ends there."""
     windows = part.effect.windows(problem.recorded, part.values)
-    return any(end >= problem.recorded.seconds[-1] for _, end in windows)
+    return len(windows) == 1 and windows[0][1] >= problem.recorded.seconds[-1]
 
 
 def _brief(problem: Problem, part: FittedEffect) -> bool:
