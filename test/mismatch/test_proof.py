@@ -264,9 +264,9 @@ def test_an_event_without_a_free_course_needs_no_more_than_other_effects_when_it
     leak, push = effect_named("mass_leak"), effect_named("contact")
     assert leak is not None
     assert push is not None
-    assert not faint(leak, proof, 60.0)
-    assert faint(push, proof, 60.0)
-    assert faint(leak, proof, 500.0)
+    assert not faint(FittedEffect(leak, {}), proof, 60.0)
+    assert faint(FittedEffect(push, {}), proof, 60.0)
+    assert faint(FittedEffect(leak, {}), proof, 500.0)
 
 
 def test_a_brief_vibration_below_the_noise_is_known_by_its_evidence() -> None:
@@ -287,9 +287,9 @@ def test_a_brief_event_beside_a_far_stronger_effect_is_an_error_of_its_law() -> 
     assert contact is not None
     assert tilt is not None
     proof = EffectProof(6, 6, 1.03, 1.02, 296.0, 0.015, 0.04, 7.1, 219.0, 5.9, 0.0)
-    assert "law of an effect" in faint(contact, proof, 67_000.0)
-    assert not faint(contact, proof, 20_000.0)
-    assert not faint(tilt, proof, 67_000.0)
+    assert "law of an effect" in faint(FittedEffect(contact, {}), proof, 67_000.0)
+    assert not faint(FittedEffect(contact, {}), proof, 20_000.0)
+    assert not faint(FittedEffect(tilt, {}), proof, 67_000.0)
 
 
 def test_a_name_that_a_curve_without_proof_hid_takes_its_place() -> None:

@@ -96,7 +96,7 @@ def named_effects(
 def equals(part: FittedEffect, recorded: RecordedMotion, beside: str) -> set[str]:
     """Rivals that are as likely as an effect by rule, see `beliefs`; `beside` as in `named_effects`."""
     state = part.effect.imitated(recorded, part.values) or beside
-    unknown = {f"unknown:{state}"} if state and part.effect.free_course else set()
+    unknown = {f"unknown:{state}"} if state and part.effect.free(part.values) else set()
     return unknown | set(part.effect.twins(recorded, part.values))
 
 

@@ -268,6 +268,16 @@ class Effect(ABC):
         del recorded, values
         return ()
 
+    def law(self, values: Values) -> str:
+        """The one of its laws that these values follow, where it has several; the best starts of each are compared."""
+        del values
+        return ""
+
+    def free(self, values: Values) -> bool:
+        """Whether its course is free at these values, see `free_course`."""
+        del values
+        return self.free_course
+
     def general_at(self, start: Values) -> bool:
         """Whether it can imitate several other effects from this starting point, see `general`."""
         del start
@@ -290,7 +300,10 @@ class Effect(ABC):
         at an end of its range. An effect with bounds on derived quantities (a path, a total mass) overrides this
         and asks its base class, too.
         """
+        inert = self.inert(values)
         for p in self.parameters(recorded):
+            if p.name in inert or not (p.linear or p.peaked):
+                continue
             if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):
                 return f"{p.name} would be {values[p.name]:.3g} {p.unit}".rstrip()
         return ""

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.geometry import cross, cross_matrix, lengths, sphere_directions
+from poise.geometry import cross, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import beside_errors, coarsely, error_states, likely_place
+from poise.mismatch.effects.part_wrench import beside_errors, by_size_and_place, coarsely, error_states, likely_place
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array, Mask
 
@@ -290,7 +290,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
     tension = np.array([np.maximum(stretch + time * speed, 0.0) * (stretch > 0.0) for time in _DAMPED])
     toward = np.einsum("nji,anj->ain", turn, away / np.maximum(length, 1e-6)[:, :, None])
     pull = (tension[:, :, :, None] * toward).reshape(-1, 3, len(few))
-    normal, right = _by_stiffness_and_hook(pull, error_states(few), wanted * weight, weight**2)
+    normal, right = by_size_and_place(pull, error_states(few), wanted * weight, weight**2)
     solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
     # Joint efforts do not show the whole torque, and hooks from it may be anywhere.
     steady = np.concatenate([[1.0], likely_place(left[:, :3], left[:, 3:])])
@@ -312,29 +312,6 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
     force = np.einsum("nij,nj->i", turn, left[:, :3])
     anchor = place.mean(axis=0) + force / max(float(np.linalg.norm(force)), 1e-9)
     return [*found, np.array([*anchor, 0.5, *steady[1:], _UNDAMPED])]
-
-
-def _by_stiffness_and_hook(pull: Array, errors: Array, wanted: Array, weight: Array) -> tuple[Array, Array]:
-    """(K, 4, 4) and (K, 4), the normal equations of a stiffness and of its products with a hook.
-
-    Args:
-        pull: (K, 3, N) forces.
-        errors: (N, m) orthonormal; beside these.
-        wanted: (N, 6) beside these, weighed by weight (6,).
-    """
-    besides, along = pull @ errors, pull @ wanted
-    squares = pull @ pull.swapaxes(1, 2) - besides @ besides.swapaxes(1, 2)
-    levers = cross_matrix(np.eye(3))  # e_i x f
-    normal = np.zeros((len(pull), 4, 4))
-    normal[:, 0, 0] = np.einsum("kii,i->k", squares, weight[:3])
-    normal[:, 1:, 1:] = np.einsum("ica,kab,jcb,c->kij", levers, squares, levers, weight[3:], optimize=True)
-    loose = np.einsum("kii->k", normal[:, 1:, 1:])
-    normal[:, 1:, 1:] += (1e-3 * loose + 1e-12)[:, None, None] * np.eye(3)
-    normal[:, 0, 0] += 1e-12
-    right = np.concatenate(
-        [np.einsum("kii->k", along[:, :, :3])[:, None], np.einsum("ica,kac->ki", levers, along[:, :, 3:])], axis=1
-    )
-    return normal, right
 
 
 def _meeting(place: Array, force: Array) -> Array:

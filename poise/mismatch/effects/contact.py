@@ -1,4 +1,8 @@
-"""Contact: for a while something pushes on the tool, with or without sliding."""
+"""Contact: for a while something pushes on the tool, with or without sliding.
+
+It has two laws. A plate pushes by the depth of the tool inside it: few numbers say when, how and again. Anything else
+pushes in a window, in a course that is free.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import ClassVar
@@ -7,13 +11,31 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.plate import (
+    PLATE,
+    PUSHES,
+    depth_inside,
+    friction,
+    inward,
+    no_plate,
+    peak_on_plate,
+    plate_parameters,
+    plate_starts,
+    plate_wrenches,
+    touches,
+)
 from poise.mismatch.effects.starts import bursts, chained
 from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
 
 _POINT = ("x", "y", "z")
+_FREE, _PLATE = 0.0, 1.0
+"""The laws."""
+_NO_PLATE = dict.fromkeys(PLATE, 0.0) | {"law": _FREE, "exponent": 1.5}
 _FEWEST, _MOST, _SPACING = 7, 15, 0.15
 """Knots of the force's course; s between them from which a long contact has more than the fewest."""
+_OF_WINDOW = ("start", "length", "knots", *(f"force_{axis}_{k}" for k in range(_MOST) for axis in "xyz"))
+"""Parameters of a contact with a free course."""
 _REACH = 0.5
 _ENOUGH = 100
 """Samples outside a contact that suffice to fit the rest of the recording."""
@@ -36,21 +58,24 @@ _MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 
 
 class PlateContact(Effect):
-    """A force in the world at a point of the tool, from `start` for `length`; its time course is a linear B-spline.
+    """A force in the world at a point of the tool: of a plate, or from `start` for `length` as a linear B-spline.
 
     The course contains the normal force and the friction: friction is the component against the sliding.
     """
 
     name = "contact"
     layer = "event"
-    equation = "f = R^T sum_k h_k(t) F_k, tau = p x f; h_k: hat functions, zero at both ends of the window"
-    source = "a unilateral contact described by the time course of its force alone (Coulomb: friction opposes sliding)"
+    equation = (
+        "tau = p x f; of a plate f = -(d / 1 cm)^e R^T ((P + S + D d' / (0.1 m/s)) n + S v/|v|) for depths d > 0; else "
+        "f = R^T sum_k h_k(t) F_k, h_k: hat functions, zero at both ends of the window"
+    )
+    source = "Hunt and Crossley 1975 with Coulomb friction; a unilateral contact described by the course of its force"
     excited_by = "nothing: it happens"
     separating_motion = "repeat the motion without the obstacle; press again at another attitude"
     confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
     transfers = False
     free_course = True
-    defaults: ClassVar[Values] = {"force_": 0.0, "knots": float(_FEWEST)}
+    defaults: ClassVar[Values] = {"force_": 0.0, "knots": float(_FEWEST), **_NO_PLATE}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
@@ -61,7 +86,8 @@ class PlateContact(Effect):
         points = (EffectParameter(name, "m", low=-_REACH, high=_REACH, linear=False) for name in _POINT)
         knots = EffectParameter("knots", "", low=_FEWEST, high=_MOST, linear=False, choice=True, hidden=True)
         forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(_MOST) for a in "xyz")
-        return (*when, *points, knots, *forces)
+        law = EffectParameter("law", "", low=_FREE, high=_PLATE, linear=False, choice=True, hidden=True)
+        return (*when, *points, law, knots, *forces, *plate_parameters())
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Bursts of the residual; in each, the point from torque = p x force, then the window that fits best."""
@@ -81,7 +107,9 @@ class PlateContact(Effect):
             start, stop = self._window(recorded, straight, [(begin, end), *inner[:1]])
             length = float(np.clip(stop - start, _SHORTEST, recorded.duration / 3))
             for knots in sorted({_FEWEST, int(np.clip(round(length / _SPACING), _FEWEST, _MOST))}):
-                yield {"start": start, "length": length, "knots": float(knots), **place}
+                yield {**_NO_PLATE, "start": start, "length": length, "knots": float(knots), **place}
+        for plate in plate_starts(recorded, residual):
+            yield {"start": 0.0, "length": 1.0, "knots": float(_FEWEST), "law": _PLATE, **plate}
 
     @staticmethod
     def _window(recorded: RecordedMotion, residual: Array, seen: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -116,11 +144,26 @@ class PlateContact(Effect):
             found += [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
         return min(found, key=left)
 
+    def law(self, values: Values) -> str:
+        return "plate" if _of_plate(values) else "free"
+
+    def free(self, values: Values) -> bool:
+        return not _of_plate(values)
+
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        if _of_plate(values):
+            return np.asarray(plate_wrenches(recorded, values) @ [values[name] for name in PUSHES])
+        forces = [values[f"force_{axis}_{k}"] for k in range(_MOST) for axis in "xyz"]
+        return np.asarray(self.columns(recorded, values)[:, :, : len(forces)] @ forces)
+
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        if _of_plate(nonlinear):
+            pushes = plate_wrenches(recorded, nonlinear)
+            return np.concatenate([np.zeros((len(recorded), 6, 3 * _MOST)), pushes], axis=2)
         point = np.array([nonlinear[name] for name in _POINT])
         whole = _hats(recorded.seconds, nonlinear["start"], nonlinear["length"], round(nonlinear["knots"]))
         rows = np.flatnonzero(whole.any(axis=1))
-        out = np.zeros((len(recorded), 6, 3 * _MOST))
+        out = np.zeros((len(recorded), 6, 3 * _MOST + len(PUSHES)))
         linear_bspline_basis, last = whole[rows], 3 * whole.shape[1]
         turn = recorded.rotation_world_sensor[rows]
         for axis in range(3):
@@ -129,10 +172,13 @@ class PlateContact(Effect):
         return out
 
     def inert(self, values: Values) -> tuple[str, ...]:
-        return tuple(f"force_{axis}_{k}" for k in range(round(values["knots"]), _MOST) for axis in "xyz")
+        if _of_plate(values):
+            return _OF_WINDOW
+        return (*PLATE, *(f"force_{axis}_{k}" for k in range(round(values["knots"]), _MOST) for axis in "xyz"))
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        del recorded
+        if _of_plate(values):
+            return touches(recorded, values)
         return ((values["start"], values["start"] + values["length"]),)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
@@ -140,7 +186,9 @@ class PlateContact(Effect):
 
         The wrench shows the line of the force, not the point on it: a point at the end of its range is plausible.
         """
-        peak = self._peak(values)
+        if _of_plate(values):
+            return super().implausible(recorded, values) or no_plate(recorded, values)
+        peak = _peak(values)
         size = float(np.linalg.norm(peak))
         pull = -float((_forces(values) @ peak).min()) / max(size, 1e-9)
         both = f"what pushes with {size:.1f} N would pull with {pull:.1f} N" if pull > _PULL * size else ""
@@ -152,6 +200,8 @@ class PlateContact(Effect):
 
         A person's hand or something that moves also gives, and keeps none: it pushes, so that it is a contact.
         """
+        if _of_plate(values):
+            return ""
         force = _hats(recorded.seconds, values["start"], values["length"], round(values["knots"])) @ _forces(values)
         point = np.array([values[name] for name in _POINT])
         velocity = recorded.velocity_in_world + recorded.to_world(cross(recorded.angular_velocity, point))
@@ -161,22 +211,41 @@ class PlateContact(Effect):
         return "joint_position" if given > _GIVEN * total and kept < _KEPT * total else ""
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        peak = self._peak(values)
+        plate = _of_plate(values)
+        peak = peak_on_plate(recorded, values) if plate else _peak(values)
         parts = {f"force_{axis}": (float(value), "N") for axis, value in zip("xyz", peak, strict=True)}
-        return {"peak_force": (float(np.linalg.norm(peak)), "N"), **parts}
+        found = {"peak_force": (float(np.linalg.norm(peak)), "N"), **parts}
+        if not plate:
+            return found
+        normal = {f"normal_{axis}": (-float(n), "") for axis, n in zip("xyz", inward(values), strict=True)}
+        deepest = (float(depth_inside(recorded, values).max()), "m")
+        return {**found, **normal, "depth": deepest, "friction": (friction(values), "")}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        if _of_plate(values):
+            peak = directed(peak_on_plate(recorded, values).tolist(), "N")
+            when = [f"from {start:.1f} s to {end:.1f} s" for start, end in touches(recorded, values)]
+            times = f"{len(when)} times, first " if len(when) > 1 else ""
+            return (
+                f"The tool pressed on a surface {times}{''.join(when[:1])}: up to {peak} of the world; "
+                "the nominal model has no contact."
+            )
         ((start, end),) = self.windows(recorded, values)
         return (
             f"From {start:.1f} s to {end:.1f} s something pushed on the tool: up to "
-            f"{directed(self._peak(values).tolist(), 'N')} of the world; the nominal model has no contact."
+            f"{directed(_peak(values).tolist(), 'N')} of the world; the nominal model has no contact."
         )
 
-    @staticmethod
-    def _peak(values: Values) -> Array:
-        """(3,) the force at the knot where it is greatest, world axes."""
-        forces = _forces(values)
-        return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
+
+def _of_plate(values: Values) -> bool:
+    """Whether the law is that of a plate."""
+    return values.get("law", _FREE) == _PLATE
+
+
+def _peak(values: Values) -> Array:
+    """(3,) the force at the knot where it is greatest, world axes."""
+    forces = _forces(values)
+    return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
 
 
 def _forces(values: Values) -> Array:

@@ -140,7 +140,7 @@ def _reading(problem: Problem, measured: Array) -> Problem:
 def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
     """Whether an event began among the held-out samples, or takes a free course there."""
     windows = _windows(problem, part) if len(held) else ()
-    return bool(windows) and min(window[part.effect.free_course] for window in windows) > held[0] - 0.5
+    return bool(windows) and min(window[part.effect.free(part.values)] for window in windows) > held[0] - 0.5
 
 
 def _is_over(problem: Problem, part: FittedEffect, held: Array) -> bool:

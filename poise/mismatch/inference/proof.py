@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects import Effect, within
+from poise.mismatch.effects import within
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.cancelling import cancelling
 from poise.mismatch.inference.fitting import HypothesisFit, fit
@@ -174,7 +174,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             # What fails by itself is no stronger effect, beside which another one is faint.
             strongest = max((proof.support for proof in proofs), default=0.0)
             lacking = [
-                faint(part.effect, proof, strongest, _brief(problem, part))
+                faint(part, proof, strongest, _brief(problem, part))
                 or _detail_of_friction(state, problem, whole, part, proof)
                 for part, proof in zip(whole.parts, proofs, strict=True)
             ]
@@ -212,7 +212,7 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     if not (_stays(problem, part) or part.effect.of_joint) and shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
         return "where it acts, the residual is within the noise without it"
     if _brief(problem, part):
-        if not part.effect.free_course and proof.support >= _SURE:
+        if not part.effect.free(part.values) and proof.support >= _SURE:
             return ""
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
@@ -222,9 +222,9 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
 
 
 def _stays(problem: Problem, part: FittedEffect) -> bool:
-    """Whether an event lasts to the end of the recording."""
+    """Whether an event lasts to the end of the recording; one that comes again does not, even if it ends there."""
     windows = part.effect.windows(problem.recorded, part.values)
-    return any(end >= problem.recorded.seconds[-1] for _, end in windows)
+    return len(windows) == 1 and windows[0][1] >= problem.recorded.seconds[-1]
 
 
 def _brief(problem: Problem, part: FittedEffect) -> bool:
@@ -234,17 +234,18 @@ def _brief(problem: Problem, part: FittedEffect) -> bool:
     return bool(windows) and not _stays(problem, part) and total < BRIEF * problem.recorded.duration
 
 
-def faint(effect: Effect, proof: EffectProof, strongest: float, brief: bool = False) -> str:
+def faint(part: FittedEffect, proof: EffectProof, strongest: float, brief: bool = False) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
     of free course follows noise, too. It and a `brief` one follow what the law of a far stronger effect leaves: no
     model is exact.
     """
-    if (effect.free_course or brief) and proof.support < _LEAST_OF_LAW * strongest:
+    free = part.effect.free(part.values)
+    if (free or brief) and proof.support < _LEAST_OF_LAW * strongest:
         return f"its evidence, {proof.support:.0f} nats, may come from the law of an effect with {strongest:.0f}"
-    alone = not effect.free_course and proof.support >= strongest
-    if alone or isinstance(effect, Dependence) or proof.support >= LEAST_BESIDE:
+    alone = not free and proof.support >= strongest
+    if alone or isinstance(part.effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"
 
@@ -273,7 +274,7 @@ def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEff
 def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[HypothesisFit]) -> list[EffectProof]:
     """The proof of each part of `whole`; the fit without it is at its place in `without`."""
     length = 1 if problem.blocks is None else problem.blocks.rows.shape[1]
-    if problem.blocks is not None and any(part.effect.free_course for part in whole.parts):
+    if problem.blocks is not None and any(part.effect.free(part.values) for part in whole.parts):
         length = 1
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         problem = replace(problem, blocks=None)
@@ -300,7 +301,7 @@ def _proof(
     acting = response / max(float(response.sum()), 1e-300)
     energy, share = response.sum(axis=0), acting.sum(axis=0)
     # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
-    cut = 0.5 * (_course(problem, part) if part.effect.free_course else share) + 0.5 / len(share)
+    cut = 0.5 * (_course(problem, part) if part.effect.free(part.values) else share) + 0.5 / len(share)
     fold = np.tile(_parts(cut, _BLOCKS**2) % _BLOCKS, channels)
     squares = [_predicted(each, fold) ** 2 for each in (without, whole)]
     fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)

@@ -21,6 +21,8 @@ _LOOK = 7
 """Steps of the screening."""
 _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
+_NEAR_LAW = 0.5
+"""Share of the potential of an effect's best law below which another one of its laws is not fitted."""
 _PIECE = 0.7
 """Share of the gain of a simple effect below which one that contains it is not fitted."""
 THRESHOLD = 3.0
@@ -87,7 +89,8 @@ def _screened(
         hopeful = (first.effect.rough or first.potential > least) and not limit.over()
         tried = [first]
         if hopeful:
-            tried = [_refined(problem, regression, recorded, each, least) for each in (first, *others)]
+            near = [each for each in others if first.effect.rough or each.potential > _NEAR_LAW * first.potential]
+            tried = [_refined(problem, regression, recorded, each, least) for each in (first, *near)]
         done = max((_possible(recorded, each) for each in tried), key=lambda each: each.gain)
         found.append(replace(done, visibility=first.visibility))
         top = max(top, done.gain)

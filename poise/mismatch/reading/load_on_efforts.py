@@ -46,6 +46,12 @@ class _OnEfforts(Effect):
     def renewed(self, values: Values) -> Values:
         return self._inner.renewed(values)
 
+    def law(self, values: Values) -> str:
+        return self._inner.law(values)
+
+    def free(self, values: Values) -> bool:
+        return self._inner.free(values)
+
     def general_at(self, start: Values) -> bool:
         return self._inner.general_at(start)
 
@@ -104,7 +110,7 @@ class LoadOnEfforts(_OnEfforts):
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """An event of free course that acts at the end of its reach follows what other effects leave of the joints."""
-        places = [p for p in self.parameters(recorded) if self.free_course and p.unit == "m"]
+        places = [p for p in self.parameters(recorded) if self.free(values) and p.unit == "m" and p.name in values]
         if any(p.at_end(values[p.name]) for p in places):
             return "it would act at the end of its reach"
         return self._inner.implausible(recorded, values)

@@ -98,7 +98,8 @@ TYPICAL = {
     | {"damping_time": 0.08, "x": 0.03, "y": -0.02, "z": 0.12, "rest_length": 1.0},
     "contact": {"start": 7.1, "length": 1.4, "knots": 7.0, "x": 0.01, "y": 0.02, "z": 0.17}
     | {f"force_{a}_{k}": 0.0 for a in "xyz" for k in range(15)}
-    | {f"force_{a}_{k}": s * np.sin(np.pi * (k + 1) / 8) for a, s in (("x", 8), ("y", 2), ("z", -3)) for k in range(7)},
+    | {f"force_{a}_{k}": s * np.sin(np.pi * (k + 1) / 8) for a, s in (("x", 8), ("y", 2), ("z", -3)) for k in range(7)}
+    | {name: value for name, value in effect_named("contact").defaults.items() if name not in ("force_", "knots")},
     "sensor_creep": {"fraction": 0.08, "time_constant": 3.0},
     "sensor_nonlinearity": {"quadratic_fx": 0.003, "cubic_ty": 0.02},
     "saturation": {"force_limit": 12.0, "torque_limit": 1e4},
@@ -156,11 +157,10 @@ def search(effect, at, residual, sigma):
         The best values, and the square that is left per sample (1: noise alone).
     """
     parameters = effect.parameters(at)
-    moving = [p for p in parameters if not (p.linear or p.choice or p.resolution)]
     weak = np.array([1.0 / (10.0 * p.scale) for p in parameters if p.linear])
     best = (np.inf, {})
 
-    def split(start, places):
+    def split(start, moving, places):
         values = dict(start) | {p.name: p.from_unit(u) for p, u in zip(moving, places, strict=True)}
         wanted = (residual - residual.mean(axis=0)) / sigma
         if not len(weak):
@@ -173,13 +173,20 @@ def search(effect, at, residual, sigma):
         return values | dict(zip(names, linear.tolist(), strict=True)), wanted.ravel() - flat @ linear
 
     for start in effect.starts(at, residual):
+        inert = effect.inert(start)
+        moving = [p for p in parameters if not (p.linear or p.choice or p.resolution or p.name in inert)]
         begin = np.clip([p.to_unit(start[p.name]) for p in moving], 1e-4, 1 - 1e-4)
         if moving:
             found = least_squares(
-                lambda u, start=start: split(start, u)[1], begin, bounds=(0, 1), diff_step=1e-4, max_nfev=25, xtol=1e-6
+                lambda u, start=start, moving=moving: split(start, moving, u)[1],
+                begin,
+                bounds=(0, 1),
+                diff_step=1e-4,
+                max_nfev=25,
+                xtol=1e-6,
             )
             begin = found.x
-        values, left = split(start, begin)
+        values, left = split(start, moving, begin)
         if left @ left < best[0]:
             best = (float(left @ left), values)
     return best[1], best[0] / residual.size
