@@ -1,5 +1,6 @@
 """MJCF, the models of MuJoCo; MuJoCo itself reads them (extra `sim`)."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -141,9 +142,9 @@ class _Reading:
         free = [int(model.jnt_type[joint]) == _FREE for joint in joints]
         if free and not any(free):
             self._notes.append(f"{self._names[root]}: a joint holds it; it is taken as fixed where it is at the start")
-        links = [self._link(body) for body in members]
+        links = [replace(self._link(body), fixed=not any(free)) for body in members]
         joined = [(self._names[root], link.name) for link in links]
-        return grouped(self._names[root], links, joined, not any(free), self._notes)
+        return grouped(self._names[root], links, joined, self._notes)
 
     def _link(self, body: int) -> WorldLink:
         model = self._model
