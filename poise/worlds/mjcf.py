@@ -98,6 +98,21 @@ def _compiled(path: Path) -> tuple[Any, Any]:
     return model, data
 
 
+def _left_out(model: Any) -> list[str]:
+    """What moves or holds bodies in MuJoCo, and is not part of a scene."""
+    counts = {
+        "equality constraints (welds, connections) are left out: what they join is not joined": int(
+            np.sum(model.eq_active0)
+        ),
+        "excluded pairs of bodies are left out: they touch here": int(model.nexclude),
+        "keyframes are left out: bodies are where they are without one": int(model.nkey),
+        "bodies have gravity compensation, which is left out: they have their weight": int(
+            np.sum(model.body_gravcomp != 0)
+        ),
+    }
+    return [f"{count} {what}" for what, count in counts.items() if count]
+
+
 class _Reading:
     """A compiled model at its start."""
 
@@ -120,6 +135,7 @@ class _Reading:
             pairs[ends[0], ends[1]] = float(model.pair_friction[number][0])
         default = sum(solid.friction == _FRICTION for body in known for solid in body.solids)
         doubt = f"friction of {default} geoms is {_FRICTION:g}, the default of MuJoCo; is it known?" if default else ""
+        self._notes += _left_out(model)
         gravity = np.array(model.opt.gravity)
         return WorldContent(tuple(known), gravity, max, pairs, tuple(self._notes), friction_note=doubt)
 
