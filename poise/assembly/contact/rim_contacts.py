@@ -64,6 +64,8 @@ class _Rim:
 
 def rim_patches(body: PlacedBody, base: PlacedBody, margin: float) -> list[ContactPatch]:
     """The rims of a cylinder on the round side of another, or on the edges of a polyhedron, normals out of the base."""
+    if base.cylinder is not None and _parallel(body, base):
+        return []
     search = _on_side if base.cylinder is not None else _on_edges
     return [patch for end in (1, -1) for patch in search(_Rim(body, end), body, base, margin)]
 
@@ -71,9 +73,9 @@ def rim_patches(body: PlacedBody, base: PlacedBody, margin: float) -> list[Conta
 def rims_on_rims(body: PlacedBody, base: PlacedBody, margin: float) -> list[ContactPatch]:
     """The rims of two cylinders on each other, normals out of the base."""
     patches = []
-    for rim, other in ((_Rim(body, a), _Rim(base, b)) for a in (1, -1) for b in (1, -1)):
-        far = float(np.linalg.norm(rim.centre - other.centre))
-        if far > rim.radius + other.radius + margin or _parallel(rim.out, other.out):
+    pairs = [] if _parallel(body, base) else [(_Rim(body, a), _Rim(base, b)) for a in (1, -1) for b in (1, -1)]
+    for rim, other in pairs:
+        if float(np.linalg.norm(rim.centre - other.centre)) > rim.radius + other.radius + margin:
             continue
 
         def away(points: Array, other: _Rim = other) -> Array:
@@ -92,7 +94,7 @@ def rims_on_rims(body: PlacedBody, base: PlacedBody, margin: float) -> list[Cont
 def _on_side(rim: _Rim, body: PlacedBody, base: PlacedBody, margin: float) -> Iterator[ContactPatch]:
     centre, axis = base.item.pose.translation, base.item.pose.rotation[:, 2]
     shape = base.item.shape
-    if not isinstance(shape, Cylinder) or _parallel(rim.out, axis):
+    if not isinstance(shape, Cylinder):
         return
 
     def feet(points: Array) -> Array:
@@ -135,8 +137,10 @@ def _on_edges(rim: _Rim, body: PlacedBody, base: PlacedBody, margin: float) -> I
                 yield from _patch(place, foot, normal, margin, None)
 
 
-def _parallel(first: Array, second: Array) -> bool:
-    return bool(abs(first @ second) > 1 - _PARALLEL**2 / 2)
+def _parallel(first: PlacedBody, second: PlacedBody) -> bool:
+    """Whether the axes of two cylinders are."""
+    cosine = first.item.pose.rotation[:, 2] @ second.item.pose.rotation[:, 2]
+    return bool(abs(cosine) > 1 - _PARALLEL**2 / 2)
 
 
 def _square_to(first: Array, second: Array) -> list[Array]:
