@@ -2,7 +2,7 @@
 
 - `pose`: `Pose`, the rigid pose of a frame in its parent.
 - `rotations`: rotation matrices from and to quaternions, about an axis, between two vectors.
-- `rows`: order of the rows of arrays, distinct rows, rows that are used.
+- `rows`: order of the rows of arrays, distinct rows and numbers, rows that are used.
 - `vectors`: unit vectors, directions over the sphere, lengths, axes in a plane, cross products, wrenches of forces.
 - `gravity`: the standard acceleration, and the default gravity vector.
 """
@@ -20,7 +20,7 @@ from poise.geometry.rotations import (
     rotation_of_vector,
     vector_of_rotation,
 )
-from poise.geometry.rows import row_order, runs, unique_rows, used_rows
+from poise.geometry.rows import distinct_numbers, row_order, runs, unique_rows, used_rows
 from poise.geometry.vectors import cross, lengths, move_wrench, plane_axes, sphere_directions, unit, wrench_of_force
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "are_rotations",
     "cross",
     "cross_matrix",
+    "distinct_numbers",
     "lengths",
     "move_wrench",
     "nearest_rotation",

@@ -1,4 +1,4 @@
-"""Order of the rows of arrays, distinct rows, rows that are used, and runs of them."""
+"""Order of the rows of arrays, distinct rows and numbers, rows that are used, and runs of them."""
 
 import numpy as np
 
@@ -32,6 +32,15 @@ def row_order(rows: Array | Indices) -> Indices:
         packed = rows[:, 0].astype(np.int64) * _MOST_PACKED + rows[:, 1]
         return np.argsort(packed, kind="stable")
     return np.lexsort(rows.T[::-1])
+
+
+def distinct_numbers(numbers: Indices) -> Indices:
+    """Distinct whole numbers of an array of any shape, ascending.
+
+    As `numpy.unique`, which puts them into a table of hashes since NumPy 2.3; of many that takes ten times as long.
+    """
+    ordered = np.sort(numbers, axis=None)
+    return np.asarray(ordered[np.append(np.ones(min(len(ordered), 1), dtype=bool), ordered[1:] != ordered[:-1])])
 
 
 def used_rows(numbers: Indices, count: int) -> tuple[Mask, Indices]:

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from poise.assembly.scene import Polyhedron, Shape, merge_facets
 from poise.geometry import cross, plane_axes, unit
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,8 @@ class Edge:
         return bool(cross(first, outwards) @ turn > 0 and cross(outwards, second) @ turn > 0)
 
 
+_FEW_FACES, _DRAWN = 500, 64
+"""All pairs of up to so many faces are compared; of more, so many faces with all."""
 PARALLEL_SINE = 2e-3
 """Sine under which a direction counts as lying in a plane."""
 
@@ -76,16 +78,38 @@ class ContactFeatures:
     com: Array
 
     @cached_property
-    def angles(self) -> Array:
+    def normals(self) -> Array:
+        """(F, 3) of the faces."""
+        return np.array([face.normal for face in self.faces])
+
+    @cached_property
+    def _angles(self) -> Array:
         """(F, F) rad between the normals of the faces."""
-        normals = np.array([face.normal for face in self.faces])
-        return np.asarray(np.arccos(np.clip(normals @ normals.T, -1, 1)))
+        return self._angles_of(np.arange(len(self.faces)))
+
+    def _angles_of(self, rows: Indices) -> Array:
+        """(R, F) rad between the normals of faces (R,) and those of all."""
+        return np.asarray(np.arccos(np.clip(self.normals[rows] @ self.normals.T, -1, 1)))
+
+    def pair_at(self, angle: float, within: float, rng: np.random.Generator) -> tuple[Face, Face] | None:
+        """Two faces whose normals are at an angle, within some rad, if there are any.
+
+        Of many faces, as a scan has, some are drawn by their `odds`, and one is looked for beside these alone.
+        """
+        few = len(self.faces) <= _FEW_FACES
+        rows = np.arange(len(self.faces)) if few else rng.choice(len(self.faces), _DRAWN, p=self.odds)
+        found = np.argwhere(np.abs((self._angles if few else self._angles_of(rows)) - angle) < within)
+        if not len(found):
+            return None
+        chosen = rng.integers(len(found)) if few else rng.choice(len(found), p=_shares(self.odds[found[:, 1]]))
+        row, other = found[chosen].tolist()
+        return self.faces[int(rows[row])], self.faces[other]
 
     @cached_property
     def odds(self) -> Array:
         """(F,) probability of choosing each face: steady faces more often, large ones more often."""
         weights = np.array([face.area * (4.0 if face.steady else 1.0) for face in self.faces])
-        return np.asarray(weights / weights.sum())
+        return _shares(weights)
 
     @classmethod
     def of(cls, shape: Shape, com: Array | None) -> "ContactFeatures":
@@ -101,6 +125,10 @@ class ContactFeatures:
         faces += _faces(_hull(polyhedron), middle, steady=True)
         faces.sort(key=lambda face: (not face.steady, -face.area))
         return cls(tuple(faces), tuple(convex_edges(polyhedron)), middle)
+
+
+def _shares(weights: Array) -> Array:
+    return np.asarray(weights / weights.sum())
 
 
 def steady_faces(shape: Shape, com: Array) -> list[Face]:
@@ -142,26 +170,29 @@ def _faces(polyhedron: Polyhedron, com: Array, steady: bool) -> list[Face]:
 
 def convex_edges(polyhedron: Polyhedron) -> list[Edge]:
     """The convex edges: those of which a plane can touch the line without cutting the faces beside it."""
-    edges = []
-    for number, (ends, (first, second)) in enumerate(zip(polyhedron.edges, polyhedron.edge_facets, strict=True)):
-        if is_convex(polyhedron, number):
-            start, end = polyhedron.vertices[ends]
-            edges.append(Edge(start, end, polyhedron.normals[[first, second]]))
-    return edges
+    numbers = np.flatnonzero(are_convex(polyhedron, np.arange(len(polyhedron.edges))))
+    ends, beside = polyhedron.vertices[polyhedron.edges[numbers]], polyhedron.normals[polyhedron.edge_facets[numbers]]
+    return [Edge(start, end, normals) for (start, end), normals in zip(ends, beside, strict=True)]
 
 
-def is_convex(polyhedron: Polyhedron, edge: int) -> bool:
-    """Whether the faces beside an edge (its number) fall back from it."""
-    first, second = polyhedron.edge_facets[edge]
-    ends = polyhedron.edges[edge]
-    beside = polyhedron.vertices[_opposite(polyhedron, ends, int(second))]
-    return bool(polyhedron.normals[first] @ (beside - polyhedron.vertices[ends[0]]) < 0)
+def are_convex(polyhedron: Polyhedron, edges: Indices) -> Mask:
+    """(E,) whether the faces beside edges (E,) of these numbers fall back from them."""
+    first, second = polyhedron.edge_facets[edges].T
+    ends = polyhedron.edges[edges]
+    to_beside = polyhedron.vertices[_opposite(polyhedron, ends, second)] - polyhedron.vertices[ends[:, 0]]
+    return np.asarray(np.einsum("ij,ij->i", polyhedron.normals[first], to_beside) < 0)
 
 
-def _opposite(polyhedron: Polyhedron, ends: Indices, facet: int) -> int:
-    """A corner of the facet's triangle on this edge that is not on the edge."""
-    for triangle in polyhedron.facet_triangles[facet]:
-        rest = [corner for corner in triangle.tolist() if corner not in ends]
-        if len(rest) == 1:
-            return int(rest[0])
-    return int(polyhedron.facet_vertices[facet][0])
+def _opposite(polyhedron: Polyhedron, ends: Indices, facets: Indices) -> Indices:
+    """(E,) of edges with these ends (E, 2), the third corner of a triangle of a facet (E,) beside each."""
+    around = polyhedron.triangles[:, [[0, 1, 2], [1, 2, 0], [2, 0, 1]]].reshape(-1, 3)
+    given = _keys(polyhedron, np.repeat(polyhedron.facet_of_triangle, 3), around[:, :2])
+    order = np.argsort(given, kind="stable")
+    wanted = _keys(polyhedron, facets, ends)
+    return np.asarray(around[order[np.searchsorted(given, wanted, sorter=order)], 2])
+
+
+def _keys(polyhedron: Polyhedron, facets: Indices, ends: Indices) -> Indices:
+    """(N,) one number for each side (N, 2) of a triangle of a facet (N,), whichever end comes first."""
+    count = len(polyhedron.vertices)
+    return np.asarray((facets * count + ends.min(axis=1)) * count + ends.max(axis=1))

@@ -77,11 +77,12 @@ def _face_face(
     a: SupportPoint, b: SupportPoint, features: ContactFeatures, rng: np.random.Generator, middle: Array
 ) -> Iterator[Pose]:
     angle = np.arccos(np.clip(a.normal @ b.normal, -1, 1))
-    pairs = np.argwhere(np.abs(features.angles - angle) < _ANGLE)
-    if not len(pairs) or angle < _ANGLE or angle > np.pi - _ANGLE:
+    if angle < _ANGLE or angle > np.pi - _ANGLE:
         return
-    i, j = pairs[rng.integers(len(pairs))]
-    first, second = features.faces[i], features.faces[j]
+    pair = features.pair_at(float(angle), _ANGLE, rng)
+    if pair is None:
+        return
+    first, second = pair
     rotation = rotation_of_pairs(first.normal, second.normal, -a.normal, -b.normal)
     yield _on_planes(rotation, [(a, first.point), (b, second.point)], middle, features.com)
 

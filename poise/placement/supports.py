@@ -11,7 +11,7 @@ from poise.assembly.contact import SurfacePoints
 from poise.assembly.robustness import rough_robustness
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import cross, unit
-from poise.placement.features import PARALLEL_SINE, is_convex
+from poise.placement.features import PARALLEL_SINE, are_convex
 from poise.placement.matching import SupportPoint
 from poise.types import Array, Mask
 
@@ -211,7 +211,7 @@ def _sharp(item: RigidObject, up: Array) -> Array:
     hands = np.einsum("esk,ek->es", beside, cross(run, up))
     apart = hands.prod(axis=1) < -1e-12 * np.einsum("ij,ij->i", run, run)
     edges = np.flatnonzero(level & apart & np.all(beside @ up > -PARALLEL_SINE, axis=1))
-    ridge = [edge for edge in edges.tolist() if is_convex(polyhedron, edge)]
+    ridge = edges[are_convex(polyhedron, edges)].tolist()
     shares = np.linspace(0, 1, 5)[:, None, None]
     along = (vertices[ends[ridge, 0]] + shares * run[ridge]).reshape(-1, 3)
     highest = np.full(len(vertices), -np.inf)

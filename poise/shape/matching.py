@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.geometry import cross, lengths
+from poise.geometry import cross, distinct_numbers, lengths
 from poise.kernels import COMPILED, Drawn, matched_places
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_edges, unit_normals
@@ -111,7 +111,7 @@ def _moved(
 ) -> tuple[Array, float, Array, Array]:
     """Places, noise, and the distances of observed and drawn points that are near, m outwards."""
     triangles, _ = solid.surface
-    used, places, noise = np.unique(triangles), solid.vertices, plan.noise
+    used, places, noise = distinct_numbers(triangles), solid.vertices, plan.noise
     for number in range(plan.rounds):
         normals = unit_normals(replace(solid, vertices=places))[0][used]
         here = places[used]

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from poise.geometry import cross, lengths
+from poise.geometry import cross, distinct_numbers, lengths
 from poise.kernels import COMPILED, normals_of_planes, opened_pockets
 from poise.shape.nearest import nearest
 from poise.shape.solid import FACES
@@ -134,7 +134,7 @@ def _under_sheets(points: Array, facets: Indices, depths: Array, facing: Array, 
         facing: (N, 3) outward unit normals as neighbours show them.
         spacing: m between points.
     """
-    inner, shell = np.flatnonzero(depths), np.unique(facets)
+    inner, shell = np.flatnonzero(depths), distinct_numbers(facets)
     if not len(inner) or len(shell) < _SHEET_POINTS:
         return inner[:0]
     close = nearest(points[shell], points[inner], _SHEET_POINTS)[0][:, -1]

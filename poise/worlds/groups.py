@@ -1,5 +1,6 @@
 """Links that are fixed to each other, as one body."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -17,28 +18,29 @@ class WorldLink:
     """A link of a model: its solids and its inertia in its own frame.
 
     Args:
-        name: in the model.
+        name: in the model; `nested::name` in a nested one.
         pose: in the world.
         solids: may be none.
         inertial: None: it has no mass.
+        fixed: it does not move.
     """
 
     name: str
     pose: Pose
     solids: tuple[WorldSolid, ...]
     inertial: InertialParameters | None
+    fixed: bool = False
 
 
 def grouped(
-    model: str, links: Sequence[WorldLink], joined: Iterable[tuple[str, str]], static: bool, notes: list[str]
+    model: str, links: Sequence[WorldLink], joined: Iterable[tuple[str, str]], notes: list[str]
 ) -> list[WorldBody]:
-    """The bodies of a model.
+    """The bodies of a model, or of a world. A model of one body gives it its name.
 
     Args:
-        model: its name, which is that of its body if it has one alone.
-        links: of the model.
+        model: its name; empty for a world, in which the names of links begin with those of their models.
+        links: of the model, and of those nested in it.
         joined: pairs of links that are fixed to each other; `WORLD` does not move.
-        static: all links are fixed.
         notes: gets a sentence for each link without solids.
     """
     leader = {name: name for name in [WORLD, *(link.name for link in links)]}
@@ -56,12 +58,19 @@ def grouped(
     for link in links:
         groups.setdefault(first(link.name), []).append(link)
     solid = {name: group for name, group in groups.items() if any(link.solids for link in group)}
-    for name in groups.keys() - solid.keys():
-        notes.append(f"{model}: {groups[name][0].name} has no collision shape; left out")
-    alone = len(solid) == 1
+    names = {key: f"{model}::{group[0].name}" if model else group[0].name for key, group in groups.items()}
+    models = {key: model or name.rpartition("::")[0] for key, name in names.items()}
+    for key in groups.keys() - solid.keys():
+        name = names[key].removeprefix(f"{models[key]}::")
+        notes.append(f"{models[key]}: {name} has no collision shape; left out")
+    alone = Counter(models[key] for key in solid)
     return [
-        _body(model if alone else f"{model}::{group[0].name}", group, static or name == first(WORLD))
-        for name, group in solid.items()
+        _body(
+            models[key] if alone[models[key]] == 1 else names[key],
+            group,
+            key == first(WORLD) or any(link.fixed for link in group),
+        )
+        for key, group in solid.items()
     ]
 
 

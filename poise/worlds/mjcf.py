@@ -1,5 +1,6 @@
 """MJCF, the models of MuJoCo; MuJoCo itself reads them (extra `sim`)."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -97,6 +98,21 @@ def _compiled(path: Path) -> tuple[Any, Any]:
     return model, data
 
 
+def _left_out(model: Any) -> list[str]:
+    """What moves or holds bodies in MuJoCo, and is not part of a scene."""
+    counts = {
+        "equality constraints (welds, connections) are left out: what they join is not joined": int(
+            np.sum(model.eq_active0)
+        ),
+        "excluded pairs of bodies are left out: they touch here": int(model.nexclude),
+        "keyframes are left out: bodies are where they are without one": int(model.nkey),
+        "bodies have gravity compensation, which is left out: they have their weight": int(
+            np.sum(model.body_gravcomp != 0)
+        ),
+    }
+    return [f"{count} {what}" for what, count in counts.items() if count]
+
+
 class _Reading:
     """A compiled model at its start."""
 
@@ -119,6 +135,7 @@ class _Reading:
             pairs[ends[0], ends[1]] = float(model.pair_friction[number][0])
         default = sum(solid.friction == _FRICTION for body in known for solid in body.solids)
         doubt = f"friction of {default} geoms is {_FRICTION:g}, the default of MuJoCo; is it known?" if default else ""
+        self._notes += _left_out(model)
         gravity = np.array(model.opt.gravity)
         return WorldContent(tuple(known), gravity, max, pairs, tuple(self._notes), friction_note=doubt)
 
@@ -141,9 +158,9 @@ class _Reading:
         free = [int(model.jnt_type[joint]) == _FREE for joint in joints]
         if free and not any(free):
             self._notes.append(f"{self._names[root]}: a joint holds it; it is taken as fixed where it is at the start")
-        links = [self._link(body) for body in members]
+        links = [replace(self._link(body), fixed=not any(free)) for body in members]
         joined = [(self._names[root], link.name) for link in links]
-        return grouped(self._names[root], links, joined, not any(free), self._notes)
+        return grouped(self._names[root], links, joined, self._notes)
 
     def _link(self, body: int) -> WorldLink:
         model = self._model

@@ -46,7 +46,7 @@ class UrdfFormat(WorldFormat):
             if kind != "fixed":
                 notes.append(f"the joint {joint.get('name')} is taken as rigid, at zero")
             joined.append((parent, child))
-        return WorldContent(tuple(grouped(root.get("name", "object"), links, joined, False, notes)), notes=tuple(notes))
+        return WorldContent(tuple(grouped(root.get("name", "object"), links, joined, notes)), notes=tuple(notes))
 
 
 def _end(joint: ET.Element, name: str) -> str:

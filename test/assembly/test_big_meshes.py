@@ -11,8 +11,9 @@ from benchmarks.big_meshes import HEIGHT, answered, ball_with_flat, content
 from poise.assembly import Box, Mesh, RigidObject
 from poise.assembly.contact.placed import placed
 from poise.assembly.scene import Polyhedron
+from poise.assembly.statics.pushes import surface_distance
 from poise.errors import InputError
-from poise.geometry import Pose, rotation_of_vector, unique_rows
+from poise.geometry import Pose, distinct_numbers, rotation_of_vector, unique_rows
 from poise.shape.mesh_formats import read_obj
 
 
@@ -35,6 +36,20 @@ def test_distinct_rows_are_those_of_numpy(columns: int, kind: type, low: int) ->
         assert np.array_equal(rows[found], values)
         assert np.array_equal(found, first)
         assert np.array_equal(which, number.reshape(-1))
+
+
+@pytest.mark.parametrize("shape", [(0,), (1,), (400,), (50, 3)])
+def test_distinct_numbers_are_those_of_numpy(shape: tuple[int, ...]) -> None:
+    numbers = np.random.default_rng(5).integers(-9, 40, shape)
+    assert np.array_equal(distinct_numbers(numbers), np.unique(numbers))
+
+
+def test_the_distance_of_few_points_from_a_mesh_is_that_of_many() -> None:
+    item = RigidObject("ball", Mesh(*ball_with_flat(2_000)), Pose.identity(), mass=1.0)
+    points = 0.12 * np.random.default_rng(2).normal(size=(20, 3))
+    assert np.array_equal(
+        surface_distance(item, points), np.array([surface_distance(item, p[None])[0] for p in points])
+    )
 
 
 def test_edges_push_where_the_direction_is_between_their_normals() -> None:

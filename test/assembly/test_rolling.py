@@ -14,6 +14,7 @@ from benchmarks import growth
 from poise.assembly import (
     Analysis,
     Assembly,
+    Box,
     FrictionPair,
     Push,
     RigidObject,
@@ -26,7 +27,7 @@ from poise.assembly.robustness import balance_findings, rolling_findings
 from poise.assembly.scene import ROLLING
 from poise.assembly.statics import ROLLING_TOGETHER, Deadline, rolling
 from poise.assembly.statics.rolling import _null_space as null_space
-from poise.geometry import Pose
+from poise.geometry import Pose, rotation_about
 
 X = np.array([[1.0, 0, 0]])
 BETWEEN = np.cos(np.pi / 8)  # around a point the resistance of the octagon is this much less between its corners
@@ -289,3 +290,17 @@ def test_what_balances_on_an_edge_is_said_and_what_hangs_from_one_is_not():
     assert not balance_findings(Analysis.of(hung))
     assert not balance_findings(Analysis.of(scenes.stack(3)))
     assert not balance_findings(Analysis.of(scenes.table()))
+
+
+@pytest.mark.parametrize(("turn", "com", "balances"), [(45, 0.0, True), (45, -0.1, False), (0, 0.0, False)])
+def test_a_bar_that_balances_on_two_blocks_has_a_finding(turn: float, com: float, balances: bool) -> None:
+    """On one of its edges, unless its centre of mass is below that; not on a face."""
+    blocks = [
+        RigidObject(f"block {x:g}", Box((0.1, 0.1, 0.1)), Pose(np.eye(3), np.array([x, 0, 0.05])), fixed=True)
+        for x in (-0.2, 0.2)
+    ]
+    height = 0.1 + 0.05 * (np.sqrt(2) if turn else 1.0)
+    pose = Pose(rotation_about(np.array([1.0, 0.0, 0.0]), np.radians(turn)), np.array([0, 0, height]))
+    bar = RigidObject("bar", Box((0.6, 0.1, 0.1)), pose, mass=1.0, com=pose.rotation.T @ [0, 0, com])
+    found = balance_findings(Analysis.of(Assembly((*blocks, bar), np.array([0, 0, -9.81]), 0.5)))
+    assert [finding.sentence.startswith("bar: balances") for finding in found] == [True] * balances

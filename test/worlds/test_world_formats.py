@@ -175,6 +175,22 @@ def test_a_world_of_gazebo_is_read_with_frames_welds_and_includes(tmp_path: Path
     assert not any("no friction" in note for note in read_world(tmp_path / "world.sdf", friction=0.4)[1])
 
 
+def test_what_holds_bodies_in_mujoco_alone_is_said_to_be_left_out(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    box = "<geom type='box' size='.05 .05 .05'/>"
+    (tmp_path / "model.xml").write_text(
+        f"""<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+        <body name="a" pos="0 0 .05"><freejoint/>{box}</body>
+        <body name="b" pos="0 0 .15" gravcomp="1"><freejoint/>{box}</body></worldbody>
+        <equality><weld body1="a" body2="b"/><weld body1="a" body2="b" active="false"/></equality>
+        <contact><exclude body1="a" body2="b"/></contact>
+        <keyframe><key qpos="0 0 1 1 0 0 0 0 0 2 1 0 0 0"/></keyframe></mujoco>"""
+    )
+    notes = read_world(tmp_path / "model.xml")[1]
+    for what in ("1 equality constraint", "1 excluded pair", "1 keyframe", "1 bodies have gravity compensation"):
+        assert any(note.startswith(what) for note in notes), what
+
+
 def test_a_model_of_mujoco_is_read_as_mujoco_has_it(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     (tmp_path / "model.xml").write_text(

@@ -1,9 +1,10 @@
-"""Where cylinders touch: caps on facets, the round side along a line or at a point, the rim at a point."""
+"""Where cylinders touch: caps on facets, the round side along a line or at a point, the rim at a point of a facet."""
 
 import numpy as np
 import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch
+from poise.assembly.contact.rim_contacts import rim_patches, rims_on_rims
 from poise.assembly.contact.touching import NO_TRIANGLES, beside_faces, overlap, touching_patches
 from poise.assembly.scene import Cylinder
 from poise.geometry import unit
@@ -25,8 +26,11 @@ def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[
     found = [patch.turned() for patch in lying]
     if second.cylinder is not None:
         found += _on_facets(second, first, margin) + _side_on_side(first, second, margin)
+        found += rim_patches(second, first, margin) + rims_on_rims(second, first, margin)
+        found += [patch.turned() for patch in rim_patches(first, second, margin)]
     else:
-        found += [patch.turned() for patch in beside_faces(lying, _side_on_edges(first, second, margin))]
+        edges = _side_on_edges(first, second, margin) + rim_patches(first, second, margin)
+        found += [patch.turned() for patch in beside_faces(lying, edges)]
     return flat + found
 
 
@@ -48,7 +52,8 @@ def _on_facets(body: PlacedBody, base: PlacedBody, margin: float) -> list[Contac
         if abs(lean) > np.cos(_LINE_ANGLE):
             continue
         down = -unit(normal - lean * axis)
-        lying = abs(lean) < np.sin(_LINE_ANGLE)
+        # A long cylinder that leans a little stands on its rim: the other end is too far away.
+        lying = abs(lean) < np.sin(_LINE_ANGLE) and 2 * half * abs(lean) <= margin
         along = (-1, 1) if lying else (-np.sign(lean),)
         lowest = np.array([centre + radius * down + sign * half * axis for sign in along])
         gaps = (lowest - base.origins[facet]) @ normal

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import cross, row_order, unique_rows, unit, used_rows
+from poise.geometry import cross, distinct_numbers, row_order, unique_rows, unit, used_rows
 from poise.ranges import check_range
 from poise.types import Array, Indices
 
@@ -91,7 +91,7 @@ class Polyhedron:
     def facet_vertices(self) -> list[Indices]:
         """For each facet, the numbers of its vertices, ascending."""
         pairs = np.repeat(self.facet_of_triangle, 3) * len(self.vertices) + self.triangles.ravel()
-        facet, vertex = np.divmod(np.unique(pairs), len(self.vertices))
+        facet, vertex = np.divmod(distinct_numbers(pairs), len(self.vertices))
         return _groups(facet, vertex, len(self.normals))
 
     @cached_property
@@ -331,7 +331,7 @@ def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
 
 def _is_convex(polyhedron: Polyhedron) -> bool:
     """No vertex lies outside any facet's plane; facets from all over come first, to find out soon."""
-    vertices = polyhedron.vertices[np.unique(polyhedron.triangles)]
+    vertices = polyhedron.vertices[distinct_numbers(polyhedron.triangles)]
     triangles, starts = polyhedron.by_facet
     first = triangles[starts, 0]
     offsets = np.einsum("ij,ij->i", polyhedron.normals, polyhedron.vertices[first])

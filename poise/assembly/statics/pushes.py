@@ -14,6 +14,9 @@ from poise.geometry import wrench_of_force
 from poise.ranges import directions_of, vectors
 from poise.types import Array
 
+_WITHOUT_TREE = 4
+"""Up to so many points, distances to all triangles take less time than a tree of these."""
+
 
 @dataclass(frozen=True, eq=False)
 class Push:
@@ -98,9 +101,13 @@ def surface_distance(item: RigidObject, points: Array) -> Array:
     triangles = item.shape.polyhedron.vertices[item.shape.polyhedron.triangles]
     centres = triangles.mean(axis=1)
     reach = float(np.linalg.norm(triangles - centres[:, None], axis=2).max())
-    tree = cKDTree(centres)
-    nearest, _ = tree.query(local)
-    candidates = tree.query_ball_point(local, nearest + reach)
+    if len(local) <= _WITHOUT_TREE:
+        away = np.linalg.norm(centres - local[:, None], axis=2)
+        candidates = [np.flatnonzero(row <= row.min() + reach) for row in away]
+    else:
+        tree = cKDTree(centres)
+        nearest, _ = tree.query(local)
+        candidates = tree.query_ball_point(local, nearest + reach)
     return np.array([distance_to_triangles(p, triangles[near]) for p, near in zip(local, candidates, strict=True)])
 
 
