@@ -137,8 +137,13 @@ def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
     """
     if not recorded.has("wrench") and recorded.has("effort"):
         values = shown_by_efforts(recorded, values)
-    basis, flat = error_states(recorded), values.reshape(len(values), -1)
-    return np.asarray(flat - basis @ (basis.T @ flat)).reshape(values.shape)
+    return beside_states(error_states(recorded), values)
+
+
+def beside_states(states: Array, values: Array) -> Array:
+    """(N, ...) channels without what orthonormal states (N, k) explain of each."""
+    flat = values.reshape(len(values), -1)
+    return np.asarray(flat - states @ (states.T @ flat)).reshape(values.shape)
 
 
 def error_states(recorded: RecordedMotion) -> Array:

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares, nnls
 from poise.geometry import cross, cross_matrix, sphere_directions
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.part_wrench import (
-    beside_errors,
+    beside_states,
     by_size_and_place,
     coarsely,
     error_states,
@@ -194,7 +194,8 @@ class _PlateSearch:
             shows = -np.swapaxes(few.joints.jacobian_in_sensor[:, :, chosen], 1, 2)
         channels = left if shows is None else np.einsum("nci,ni->nc", shows, left)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(channels**2, axis=0)), 1e-9)
-        return cls(few, shows, left, beside_errors(few, channels) * weight, weight, error_states(few))
+        errors = error_states(few)
+        return cls(few, shows, left, beside_states(errors, channels) * weight, weight, errors)
 
     def likely(self) -> list[dict[str, float]]:
         """Plates that explain most of the residual, by their normal and the share of time in which the tool touches."""
@@ -259,8 +260,7 @@ class _PlateSearch:
     def beside(self, wrenches: Array) -> Array:
         """(N C, k) the channels of wrenches (N, 6, k) beside other errors, weighed."""
         seen = wrenches if self.shows is None else self.shows @ wrenches
-        flat = seen.reshape(len(seen), -1)
-        left = np.asarray(flat - self.errors @ (self.errors.T @ flat)).reshape(seen.shape)
+        left = beside_states(self.errors, seen)
         return np.asarray((left * self.weight[:, None]).reshape(-1, seen.shape[2]))
 
     def refined(self, start: Values) -> tuple[float, dict[str, float]]:
