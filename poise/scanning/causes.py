@@ -34,7 +34,8 @@ def likely_cause(sweep: Sweep, up: Array, farthest: float, poses: bool = False) 
     """A sentence: what would make the views of a table agree; empty when nothing does.
 
     The table is seen by all views, and flat. Other meanings of the poses or of depth have no unknown, a delay has one
-    and a pose of the camera on the hand six, so they are tried in this order. Views that agree about the table, but not about the object, show that this one moved.
+    and a pose of the camera on the hand six, so they are tried in this order. Views that agree about the table, but not
+    about the object, show that this one moved.
 
     Args:
         sweep: whose views disagree.

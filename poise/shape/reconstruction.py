@@ -71,6 +71,7 @@ class Reconstruction:
         misfit: m, by which the points spread about the surface, besides the noise: they may lie in layers.
         missing: surface that the points do not show; only `bare` where a scan says what it completed.
         blur: m, noise that the points are too few to distinguish from thin walls; 0 where they are not.
+        scanned: whether it says what was seen.
     """
 
     solid: Solid
@@ -82,11 +83,15 @@ class Reconstruction:
     misfit: float = 0.0
     missing: Missing = _NOTHING_MISSING
     blur: float = 0.0
+    scanned: bool = False
 
     @property
     def layers(self) -> float:
-        """How much the points spread about the surface besides the noise, over the noise."""
-        return self.misfit / max(self.noise, _TINY)
+        """How much the points spread about the surface besides the noise, over the noise; 0 for a scan.
+
+        Whether the views of a scan agree was judged when it was made.
+        """
+        return 0.0 if self.scanned else self.misfit / max(self.noise, _TINY)
 
 
 def reconstruct(
@@ -162,9 +167,8 @@ def _reconstructed(
     solid = replace(found.solid, volume_std=spread)
     few = noise is None and seen is None and len(points) < _FEW
     blur = found.noise if few and found.noise > _BLURRED * spacing else 0.0
-    return Reconstruction(
-        solid, draft.carved, draft.rows, found.noise, spacing, inside, found.misfit, missing, blur=blur
-    )
+    known = spacing, inside, found.misfit, missing, blur, seen is not None
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, *known)
 
 
 def _inside(carved: Solid, depth: float) -> float:

@@ -147,8 +147,7 @@ def segment(
         InputError: as `carve` and `check_coverage`.
     """
     made = reconstruct(points, options.points, options.noise, normals, seen, doubt, air)
-    layers = made.layers if seen is None else 0.0  # whether the views of a scan agree was judged when it was made
-    notes = check_coverage(made.carved, made.solid, made.missing, made.inside, layers, made.blur)
+    notes = check_coverage(made.carved, made.solid, made.missing, made.inside, made.layers, made.blur)
     few, spacing = made.solid.vertices, made.spacing
     shades = smooth = np.zeros_like(few)
     graph, shading = surface_graph(made.solid), 0.0
