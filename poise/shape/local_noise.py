@@ -58,11 +58,11 @@ def _is_lattice(distances: Array) -> bool:
 def _residuals(points: Array) -> tuple[Array, Array]:
     """(M,) m2, sums of squares about a plane, and about a quadric over it, of neighbourhoods (M, K, 3)."""
     off = points - points.mean(axis=1, keepdims=True)
-    ways = np.linalg.eigh(np.einsum("mki,mkj->mij", off, off))[1]
-    height, v, u = np.moveaxis(np.einsum("mki,mij->mkj", off, ways), 2, 0)
+    ways = np.linalg.eigh(off.transpose(0, 2, 1) @ off)[1]
+    height, v, u = np.moveaxis(off @ ways, 2, 0)
     scale = np.maximum(np.abs(u).max(axis=1, keepdims=True), 1e-12)
     u, v = u / scale, v / scale
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
     normal = terms.transpose(0, 2, 1) @ terms + 1e-9 * np.eye(_QUADRIC)
-    fit = np.linalg.solve(normal, np.einsum("mki,mk->mi", terms, height)[..., None])
+    fit = np.linalg.solve(normal, terms.transpose(0, 2, 1) @ height[..., None])
     return (height**2).sum(axis=1), ((height - (terms @ fit)[..., 0]) ** 2).sum(axis=1)
