@@ -152,7 +152,8 @@ def _reconstructed(
     if noise is None and found.noise > _SHOWN * spacing:
         most = max(local_noise_limit(points, np.random.default_rng(0)), least)
         if found.noise > _OVER * most:
-            found = matched(draft.carved, points, most, spacing, rng, known=True, rough=found.noise)
+            other = matched(draft.carved, points, most, spacing, rng, known=True, rough=found.noise)
+            found = replace(found, noise=other.noise, misfit=other.misfit)
     inside = _inside(draft.carved, DEEP * spacing + BURIED * found.noise)
     if seen is None:
         missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
