@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import InputError
 from poise.geometry import Pose
+from poise.scanning.conventions import other_meaning
 from poise.scanning.flatness import FLAT, PIXELS, few_of, noise_of_table, table_spread
 from poise.scanning.frames import View
 from poise.scanning.fusion import coarse_points, pixels_of
@@ -23,6 +24,8 @@ _ALIASES = 3
 """Best delays of which the shortest is taken, if it is as good."""
 _CURED = 0.5
 """Of the spread, that what is tried has to leave at the most."""
+_ONE_TABLE = 8e-3
+"""m, spread of a table in one view, above which it shows none."""
 _LENGTH = 0.3
 """m, which turns an angle of the camera into a motion of what it sees."""
 
@@ -30,8 +33,9 @@ _LENGTH = 0.3
 def likely_cause(sweep: Sweep, up: Array, farthest: float, poses: bool = False) -> str:
     """A sentence: what would make the views of a table agree; empty when nothing does.
 
-    The table is seen by all views, and flat. A delay has one unknown and a pose of the camera on the hand six, so the
-    delay is tried first. Views that agree about the table, but not about the object, show that this one moved.
+    The table is seen by all views, and flat. Other meanings of the poses or of depth have no unknown, a delay has one
+    and a pose of the camera on the hand six, so they are tried in this order. Views that agree about the table, but not
+    about the object, show that this one moved.
 
     Args:
         sweep: whose views disagree.
@@ -41,13 +45,20 @@ def likely_cause(sweep: Sweep, up: Array, farthest: float, poses: bool = False) 
     """
     now = table_spread(sweep.views, up, farthest)
     noise = noise_of_table(sweep.views, up, farthest)
-    if now < noise + FLAT and poses:
+    flat = now < noise + FLAT and noise < _ONE_TABLE
+    if flat and poses:
         return (
             "all views agree about the table, and better about the object with other poses of the camera: the hand-eye"
             " transform, the scale of depth or the clocks do not fit (poise calibrate)"
         )
-    if now < noise + FLAT:
-        return "all views agree about the table: the object moved, or was touched, during the sweep"
+    if flat:
+        return (
+            "all views agree about the table: the object moved, or was touched, during the sweep, or the camera smooths"
+            " its depth or sees the object's surface at wrong places"
+        )
+    meant = other_meaning(sweep.views, up, farthest, now)
+    if meant:
+        return meant
     delay, delayed = _best_delay(sweep, up, farthest)
     mounted, rest = _mounting(sweep.views, up, farthest)
     if delayed - noise < _CURED * (now - noise) and delayed < rest + FLAT:

@@ -169,7 +169,7 @@ class _Table:
             step = np.linalg.solve(system, rows.T @ (weights * heights) / variance + pull)
             unknowns[free] -= step
         off = np.minimum((heights / _BAND) ** 2, 1.0)
-        cost = float(np.mean(1 - (1 - off) ** 3))
+        cost = float(np.mean(1 - (1 - off) ** 3)) if len(off) else 0.0
         flat, change = design[weights > 0, PLANE], design[weights > 0, DELAY:] @ unknowns[DELAY:]
         change = change - flat @ np.linalg.lstsq(flat, change, rcond=None)[0] if len(change) else change
         return _TableFit(unknowns, cost, float(np.sqrt(np.mean(change**2))) if len(change) else 0.0)

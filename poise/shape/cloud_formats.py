@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.shape.lzf import unpacked
 from poise.types import Array, Mask
 
 MAX_POINTS = 5_000_000
@@ -122,7 +123,7 @@ def _ply_columns(
 
 
 def read_pcd(content: bytes, name: str) -> CloudTable:
-    """A PCD file, DATA ascii or binary; `rgb` is unpacked."""
+    """A PCD file, DATA ascii, binary or binary_compressed; `rgb` and `rgba` are unpacked."""
     start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content[:_MAX_HEADER], re.MULTILINE)
     if start is None:
         raise corrupt(name, "it has no PCD header")
@@ -146,48 +147,70 @@ def read_pcd(content: bytes, name: str) -> CloudTable:
         kinds += ["<" + kind] * times
     count = _count((header.get("POINTS") or ["?"])[0], name)
     encoding, body = start.group(1), content[start.end() :]
+    packed = next((column for column in ("rgb", "rgba") if column in names), "")
     if encoding == b"ascii":
         columns = _text_columns(body, names, count, name)
-        packed = dict(zip(names, kinds, strict=True)).get("rgb")
-        if packed == "<f4":
-            columns["rgb"] = columns["rgb"].astype("<f4").view("<u4")
+        if dict(zip(names, kinds, strict=True)).get(packed) == "<f4":
+            columns[packed] = columns[packed].astype("<f4").view("<u4")
     elif encoding == b"binary":
         columns = _binary_columns(body, names, kinds, count, name)
-        if "rgb" in columns and columns["rgb"].dtype.itemsize == 4:
-            columns["rgb"] = np.ascontiguousarray(columns["rgb"]).view("<u4")
+    elif encoding == b"binary_compressed":
+        columns = _packed_columns(body, names, kinds, count, name)
     else:
         raise InputError(
             ErrorCode.UNSUPPORTED, f"{name}: DATA {encoding.decode()} is not read; save it as binary or ascii"
         )
-    if "rgb" in columns:
-        rgb = columns.pop("rgb").astype(np.uint32)
-        columns |= {c: (rgb >> shift & 255).astype(np.uint8) for c, shift in (("r", 16), ("g", 8), ("b", 0))}
+    if packed:
+        columns |= _channels(columns.pop(packed))
     return _table(columns, name)
+
+
+def _channels(packed: NDArray[np.generic]) -> dict[str, NDArray[np.generic]]:
+    """Red, green and blue out of one number, which may be stored as a float with the same bits."""
+    rgb = np.ascontiguousarray(packed).view("<u4") if packed.dtype.itemsize == 4 else packed.astype(np.uint32)
+    return {channel: (rgb >> shift & 255).astype(np.uint8) for channel, shift in (("r", 16), ("g", 8), ("b", 0))}
 
 
 def read_text(content: bytes, name: str) -> CloudTable:
     """Lines of x y z [r g b ...] or x y z nx ny nz, parted by blanks, commas or semicolons; # and // begin a comment.
 
-    A first line may name the columns, or say how many lines follow.
+    A first line may name the columns, or say how many lines follow. Numbers of the lines in front are left aside.
     """
     text = content.decode("utf-8", "replace").lstrip("\ufeff")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
     numbers = re.split(r"[;\s]+", lines[-1].strip(" ;\t")) if lines else []
     if len(numbers) > 2 and all(map(_DECIMAL_COMMA.fullmatch, numbers)):
         lines = [line.replace(",", ".") for line in lines]
+    head = lines[0] if lines else ""
     lines = [re.sub(r"[,;\t]", " ", line) for line in lines]
     names = ["x", "y", "z", "red", "green", "blue"]
     if len(lines) > 1 and lines[0].strip() == str(len(lines) - 1):
         lines.pop(0)
     named = False
     if lines and re.match(r"\s*[\"']?[A-Za-z_]", lines[0]) and not re.match(r"\s*(nan|inf)\b", lines[0], re.IGNORECASE):
-        names, named = [word.strip("\"'").lower() for word in lines.pop(0).split()], True
+        lines.pop(0)
+        names, named = _headings(head), True
     width = len(lines[0].split()) if lines else 3
+    if not named and width > 3 and _are_numbered(lines):
+        names.insert(0, "number")
     names = [*names, *(f"column{i}" for i in range(len(names), width))][:width]
     columns = _text_columns("\n".join(lines).encode(), names, len(lines), name)
-    if not named and width >= 6 and _are_directions(_joined(columns, ("red", "green", "blue"))):
-        columns |= {axis: columns.pop(colour) for axis, colour in zip(*_NORMALS[:1], names[3:6], strict=True)}
+    colours = ("red", "green", "blue")
+    if not named and "blue" in columns and _are_directions(_joined(columns, colours)):
+        columns |= {axis: columns.pop(colour) for axis, colour in zip(*_NORMALS[:1], colours, strict=True)}
     return _table(columns, name)
+
+
+def _are_numbered(lines: list[str]) -> bool:
+    """Whether lines begin with their numbers, from 0 or 1 on."""
+    first = [line.split(maxsplit=1)[0] for line in lines]
+    return len(first) > 2 and first[0] in ("0", "1") and first == [str(int(first[0]) + i) for i in range(len(first))]
+
+
+def _headings(line: str) -> list[str]:
+    """Names of columns, in small letters, without quotes and units: `X (m)` and `Y [m]` are x and y."""
+    words = re.split(r"[,;\t]", line.strip()) if re.search(r"[,;\t]", line) else line.split()
+    return [re.sub(r"[\"']|\s*[\[(].*?[\])]", "", word).strip().lower() for word in words]
 
 
 def _are_directions(values: Array) -> bool:
@@ -250,6 +273,25 @@ def _binary_columns(
         raise corrupt(name, f"it ends after {len(body) // max(layout.itemsize, 1)} of {count} points")
     rows = np.frombuffer(body, layout, count)
     return {column: rows[column] for column in names}
+
+
+def _packed_columns(
+    body: bytes, names: list[str], kinds: list[str], count: int, name: str
+) -> dict[str, NDArray[np.generic]]:
+    """As `_binary_columns`, packed, and one column after the other."""
+    sizes = [count * np.dtype(kind).itemsize for kind in kinds]
+    packed, length = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").tolist()
+    if length != sum(sizes) or packed > len(body) - 8:
+        raise corrupt(name, f"its {len(body)} packed bytes are not those of {count} points")
+    try:
+        content = unpacked(body[8 : 8 + packed], length)
+    except ValueError as error:
+        raise corrupt(name, str(error)) from error
+    starts = np.cumsum([0, *sizes]).tolist()
+    return {
+        column: np.frombuffer(content, kind, count, start)
+        for column, kind, start in zip(names, kinds, starts, strict=False)
+    }
 
 
 def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0) -> CloudTable:

@@ -15,6 +15,8 @@ _MAX_BYTES = 400_000_000
 _LEAST_NORMAL = 1e-6
 _SMALLEST, _LARGEST = 2e-3, 5.0
 """m, diagonals between which a cloud can be of something that a robot carries."""
+_LIKELY = 0.01, 1.0
+"""m, diagonals between which the metre is believed to be the unit: an object in inches is 2 to 5 units long."""
 _FEW_MILLIMETRES = 30.0
 """Units across below which millimetres are less likely than centimetres."""
 _PLACEHOLDER, _TIMES = 10, 5.0
@@ -129,7 +131,7 @@ def check_cloud(
         notes = (*notes, f"{len(table) - len(rows)} of {len(table)} points are not finite and were left out")
     rows, notes = _without_placeholders(table, rows, notes)
     kept = table[rows] * scale
-    _check_size(kept, name)
+    notes = (*notes, *_check_size(kept, name))
     return Cloud(kept, None if shades is None else np.nan_to_num(shades[rows]), rows, len(table), notes)
 
 
@@ -151,7 +153,8 @@ def _without_placeholders(table: Array, rows: Indices, notes: tuple[str, ...]) -
     )
 
 
-def _check_size(points: Array, name: str) -> None:
+def _check_size(points: Array, name: str) -> tuple[str, ...]:
+    """What to say of a size that few objects have; raises for one that none has."""
     # Quantiles: a single stray point does not turn metres into millimetres.
     low, high = np.quantile(points, [0.02, 0.98], axis=0)
     diagonal = float(np.linalg.norm(high - low))
@@ -168,3 +171,9 @@ def _check_size(points: Array, name: str) -> None:
             f"{name}: {diagonal:.3g} m across, too small for an object; are these metres? Fix --scale",
             diagonal=diagonal,
         )
+    if _LIKELY[0] <= diagonal <= _LIKELY[1]:
+        return ()
+    return (
+        f"{name} is {diagonal:.3g} m across, if its unit is the metre: if that is not so, state the unit (--scale 0.001"
+        " for mm, 0.0254 for inches)",
+    )

@@ -18,12 +18,14 @@ _INSIDE_NOTE = 0.08
 """Share of points inside the solid: of solid objects at most 0.07."""
 _LAYERS_NOTE = 0.45
 """Spread besides the noise, over it: of random clouds with noise at most 0.43, with a layer inside 0.44 to 0.8."""
+_THIN_WALL = 3.0
+"""Thickness of a wall, in sigmas, of which few points look like noise."""
 _SMALL_PIECE = 0.03
 _REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
 def check_coverage(
-    carved: Solid, solid: Solid, missing: Missing, inside: float = 0.0, layers: float = 0.0
+    carved: Solid, solid: Solid, missing: Missing, inside: float = 0.0, layers: float = 0.0, blur: float = 0.0
 ) -> tuple[str, ...]:
     """Sentences about a solid that is not quite trusted.
 
@@ -33,6 +35,7 @@ def check_coverage(
         missing: surface that the points do not show.
         inside: share of the points that lie deep inside.
         layers: how much the points spread about the surface besides the noise, over the noise.
+        blur: m, noise that few points cannot distinguish from thin walls; 0 where it is known.
 
     Raises:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
@@ -52,6 +55,12 @@ def check_coverage(
         notes.append(
             "points lie in layers, which white noise does not explain (inner faces of a model, or views that do not"
             " agree); the volume may be too small: state the noise (--noise), or give points of the outside alone"
+        )
+    if blur > 0:
+        notes.append(
+            f"the points seem to have a noise of {1e3 * blur:.2g} mm, but are too few to distinguish it from walls and"
+            f" gaps below {1e3 * _THIN_WALL * blur:.1g} mm: if the object is hollow or has such, its volume is wrong;"
+            " give more points, or state the noise (--noise)"
         )
     pieces = carved.pieces()[0] / carved.volume
     large = int(np.sum(pieces > _SMALL_PIECE))

@@ -46,6 +46,10 @@ noise of five families, 0.68 with a layer 4 mm inside); the misfit that follows,
 spacing below which the surface follows the points, and their distances say nothing."""
 
 
+_INWARDS = 2.5
+"""Standard errors of the skewness from which on points are inside, where noise puts none: of inner faces or walls."""
+
+
 @dataclass(frozen=True, eq=False)
 class Matched:
     """A surface that explains its points.
@@ -64,7 +68,13 @@ class Matched:
 
 
 def matched(
-    solid: Solid, points: Array, noise: float, spacing: float, rng: np.random.Generator, known: bool = False
+    solid: Solid,
+    points: Array,
+    noise: float,
+    spacing: float,
+    rng: np.random.Generator,
+    known: bool = False,
+    rough: float = 0.0,
 ) -> Matched:
     """Move the surface of a solid.
 
@@ -75,10 +85,11 @@ def matched(
         spacing: m between vertices.
         rng: draws the points.
         known: the noise is given, and stays.
+        rough: m, by which the surface is off, where that is more than the noise.
     """
     observed = points if len(points) <= _OBSERVED else points[rng.permutation(len(points))[:_OBSERVED]]
     triangles, _ = solid.surface
-    share = min(1.0, noise / (0.3 * spacing))
+    share = min(1.0, max(noise, rough) / (0.3 * spacing))
     places = solid.vertices
     smoother = _Smoother(solid)
     for _ in range(_SMOOTH):
@@ -88,7 +99,8 @@ def matched(
     which = rng.choice(len(triangles), _DRAWN, p=areas / areas.sum())
     drawn = Drawn(which, rng.dirichlet(np.ones(3), _DRAWN), rng.normal(size=(_DRAWN, 3)))
     rounds = _ROUNDS if noise > _BESIDE * spacing else _THIN_ROUNDS
-    plan = _Plan(rounds, 0 if known else _NOISE_ROUNDS, noise, spacing, _KEEP_SMOOTH * share)
+    wider = _SPACINGS + _BAND * max(rough - noise, 0.0) / spacing
+    plan = _Plan(rounds, 0 if known else _NOISE_ROUNDS, noise, spacing, _KEEP_SMOOTH * share, wider)
     move = _moved_compiled if COMPILED else _moved
     places, noise, seen, made = move(replace(solid, vertices=places), observed, drawn, plan, smoother)
     misfit = noise * _misfit(seen, made, noise / spacing)
@@ -97,13 +109,15 @@ def matched(
 
 @dataclass(frozen=True)
 class _Plan:
-    """Rounds, those in which the noise is corrected, noise and spacing in m, share of smoothing in each round."""
+    """Rounds, those in which the noise is corrected, noise and spacing in m, share of smoothing in each round, and
+    spacings by which points may be off besides the noise."""
 
     rounds: int
     noise_rounds: int
     noise: float
     spacing: float
     smoothing: float
+    wider: float
 
 
 def _moved(
@@ -119,7 +133,7 @@ def _moved(
         if number in _LOOK_AROUND:
             near = tree.query(here, k=min(_NEIGHBOURS, len(here)))[1]
         made_of = np.einsum("mk,mki->mi", drawn.within, places[triangles[drawn.which]]) + noise * drawn.errors
-        band = _BAND * noise + _SPACINGS * plan.spacing
+        band = _BAND * noise + plan.wider * plan.spacing
         seen, made = (_distances(tree, here, normals, cloud, band) for cloud in (observed, made_of))
         around = _Neighbourhoods(near, normals, seen[0])
         if number < plan.noise_rounds:
@@ -140,7 +154,7 @@ def _moved_compiled(
     numbers = {
         **{"rounds": plan.rounds, "noise_rounds": plan.noise_rounds, "second_look": _LOOK_AROUND[1]},
         **{"neighbours": _NEIGHBOURS, "together": _TOGETHER, "noise": plan.noise, "spacing": plan.spacing},
-        **{"smooth": plan.smoothing, "band_sigmas": _BAND, "band_spacings": _SPACINGS, "haste": _HASTE},
+        **{"smooth": plan.smoothing, "band_sigmas": _BAND, "band_spacings": plan.wider, "haste": _HASTE},
         **{"least_step": _NOISE_STEP[0], "most_step": _NOISE_STEP[1], "good": _GOOD, "thick_good": _THICK_GOOD},
     }
     return matched_places(solid.vertices, triangles, smoother.edges, drawn, observed, numbers)
@@ -152,8 +166,17 @@ def _misfit(seen: Array, made: Array, thickness: float) -> float:
         return 0.0
     wider = float(np.sqrt(max(seen.var() / made.var() - _SPREAD_ALIKE**2, 0.0)))
     observed, drawn = (float(np.mean((of - of.mean()) ** 4) / of.var() ** 2) for of in (seen, made))
-    layered = thickness > _BESIDE and observed < _FLATTER * drawn
-    return max(wider, _LAYERED) if layered else wider
+    if not thickness > _BESIDE:
+        return wider
+    layered = _LAYERED if observed < _FLATTER * drawn else 0.0
+    return max(wider, layered, _inwards(seen, made))
+
+
+def _inwards(seen: Array, made: Array) -> float:
+    """By how much more the observed distances have a tail inwards than the drawn ones, in skewness; 0 by chance."""
+    one, other = (float(np.mean((of - of.mean()) ** 3) / of.std() ** 3) for of in (made, seen))
+    chance = np.sqrt(6 / len(seen) + 6 / len(made))
+    return one - other if one - other > _INWARDS * chance else 0.0
 
 
 class _Smoother:

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from poise.geometry import unique_rows
 from poise.shape.carving import Stone, carve
 from poise.shape.gaps import without_gaps
+from poise.shape.local_noise import local_noise_limit
 from poise.shape.matching import matched
 from poise.shape.missing import Missing, bare_share, missing_of
 from poise.shape.pockets import BURIED, DEEP, depths_below
@@ -30,6 +31,11 @@ _SEEN_POCKETS = 0.4
 """Noise over spacing up to which pockets are looked for before the points are averaged."""
 _LEAST_NOISE = 0.02
 """Of the spacing: what a cloud without noise is taken to have."""
+_SHOWN, _OVER = 0.1, 1.25
+"""Noise over spacing from which on it is compared with what neighbours show; and over the latter, from which on the
+surface is wrong, and not the points."""
+_FEW, _BLURRED = 1500, 0.4
+"""Points below which, and noise over spacing above which, a hollow with thin walls looks like noise: a vase of 500."""
 _AGREE = 0.9
 """Share of the points whose given normals point out of the solid, from which on they are used."""
 HIDDEN_OFF = 2e-3
@@ -47,6 +53,7 @@ _LEAST_KEPT = 0.03
 _HALVINGS = 6
 _FLAT = 1e14
 """Condition of a pseudo-inertia above which it is singular."""
+_TINY = 1e-9
 _NOTHING_MISSING = Missing()
 
 
@@ -63,6 +70,8 @@ class Reconstruction:
         inside: share of the points that lie deep inside: of the walls of a hollow that no ball enters.
         misfit: m, by which the points spread about the surface, besides the noise: they may lie in layers.
         missing: surface that the points do not show; only `bare` where a scan says what it completed.
+        blur: m, noise that the points are too few to distinguish from thin walls; 0 where they are not.
+        scanned: whether it says what was seen.
     """
 
     solid: Solid
@@ -73,6 +82,16 @@ class Reconstruction:
     inside: float = 0.0
     misfit: float = 0.0
     missing: Missing = _NOTHING_MISSING
+    blur: float = 0.0
+    scanned: bool = False
+
+    @property
+    def layers(self) -> float:
+        """How much the points spread about the surface besides the noise, over the noise; 0 for a scan.
+
+        Whether the views of a scan agree was judged when it was made.
+        """
+        return 0.0 if self.scanned else self.misfit / max(self.noise, _TINY)
 
 
 def reconstruct(
@@ -128,8 +147,13 @@ def _reconstructed(
     if air is not None:
         draft = replace(draft, carved=without_gaps(draft.carved, air))
     spacing = draft.spacing.usual
-    guess = max(draft.noise, _LEAST_NOISE * spacing)
-    found = matched(draft.carved, points, guess, spacing, rng, noise is not None)
+    least = _LEAST_NOISE * spacing
+    found = matched(draft.carved, points, max(draft.noise, least), spacing, rng, noise is not None)
+    if noise is None and found.noise > _SHOWN * spacing:
+        most = max(local_noise_limit(points, np.random.default_rng(0)), least)
+        if found.noise > _OVER * most:
+            other = matched(draft.carved, points, most, spacing, rng, known=True, rough=found.noise)
+            found = replace(found, noise=other.noise, misfit=other.misfit)
     inside = _inside(draft.carved, DEEP * spacing + BURIED * found.noise)
     if seen is None:
         missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
@@ -142,7 +166,10 @@ def _reconstructed(
     poses = 0.0 if seen is None or doubt is None else _doubtful(found.solid, draft.rows, seen, doubt)
     spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers, unseen, poses]))
     solid = replace(found.solid, volume_std=spread)
-    return Reconstruction(solid, draft.carved, draft.rows, found.noise, spacing, inside, found.misfit, missing)
+    few = noise is None and seen is None and len(points) < _FEW
+    blur = found.noise if few and found.noise > _BLURRED * spacing else 0.0
+    known = spacing, inside, found.misfit, missing, blur, seen is not None
+    return Reconstruction(solid, draft.carved, draft.rows, found.noise, *known)
 
 
 def _inside(carved: Solid, depth: float) -> float:

@@ -147,7 +147,7 @@ def segment(
         InputError: as `carve` and `check_coverage`.
     """
     made = reconstruct(points, options.points, options.noise, normals, seen, doubt, air)
-    notes = check_coverage(made.carved, made.solid, made.missing, made.inside, made.misfit / max(made.noise, 1e-9))
+    notes = check_coverage(made.carved, made.solid, made.missing, made.inside, made.layers, made.blur)
     few, spacing = made.solid.vertices, made.spacing
     shades = smooth = np.zeros_like(few)
     graph, shading = surface_graph(made.solid), 0.0

@@ -12,7 +12,8 @@ from field_robots import ARM, Recorded, read, streams, urdf
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.reading import NominalModel, acting_on_efforts, joined, parse_model, read_streams
+from poise.mismatch.effects import all_effects
+from poise.mismatch.reading import NominalModel, acting_on_efforts, joined, on_efforts, parse_model, read_streams
 from poise.recording import JointStream, PoseStream, write_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot
@@ -77,6 +78,18 @@ def test_a_soft_grasp_on_one_axis_is_searched_in_what_its_efforts_show() -> None
             rest.append(float(np.sum((residual - scale * response) ** 2) / np.sum(residual**2)))
             assert start["stiffness"] == pytest.approx(stiffness, rel=0.7)
         assert min(rest) < 0.6
+
+
+def test_every_effect_of_the_load_is_searched_on_one_axis() -> None:
+    load = np.array([1.0, 0.1, 0.0, 0.05, 0.02, 0.0, 0.0, 0.02, 0.0, 0.01])
+    recorded = read(loaded_axis(3, load), TURN, NominalModel(phi=load)).recorded
+    assert recorded.effort is not None
+    residual = recorded.effort.measured - recorded.effort.prediction
+    for effect in (on_efforts(each, recorded) for each in all_effects()):
+        if effect.signal == "effort" and not effect.untestable(recorded):
+            for start in effect.starts(recorded, residual):
+                linear = {p.name: 0.1 for p in effect.parameters(recorded) if p.linear}
+                assert effect.simulate(recorded, {**start, **linear}).shape == residual.shape, effect.name
 
 
 def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() -> None:

@@ -45,6 +45,21 @@ def pcd(encoding: str) -> bytes:
     return head + table.tobytes()
 
 
+def packed_pcd(colour: str = "rgb") -> bytes:
+    """As the Point Cloud Library packs it: one column after the other; here with literals and one copy."""
+    plain = pcd("binary").replace(b"z rgb", f"z {colour}".encode())
+    head, body = plain.split(b"DATA binary\n")
+    rows = np.frombuffer(body, "<u4").reshape(4, 4)
+    columns = np.ascontiguousarray(rows.T).tobytes()
+    first = columns.index(bytes(8))  # eight zero bytes, of which the last seven are copied from one byte before
+    pieces = [bytes([first]), columns[: first + 1], bytes([5 << 5, 0])]
+    for start in range(first + 8, len(columns), 32):
+        piece = columns[start : start + 32]
+        pieces += [bytes([len(piece) - 1]), piece]
+    packed = b"".join(pieces)
+    return head + b"DATA binary_compressed\n" + np.array([len(packed), len(columns)], "<u4").tobytes() + packed
+
+
 def text(separator: str, header: str = "") -> bytes:
     rows = (separator.join(map(str, [*p, *c])) for p, c in zip(POINTS.tolist(), COLOURS.tolist(), strict=True))
     return (header + "\n".join(rows) + "\n").encode()
@@ -57,9 +72,14 @@ FILES = {
     "big.ply": ply("binary_big_endian", "float32"),
     "ascii.pcd": pcd("ascii"),
     "binary.pcd": pcd("binary"),
+    "packed.pcd": packed_pcd(),
+    "rgba.pcd": pcd("binary").replace(b"z rgb", b"z rgba").replace(b"TYPE F F F F", b"TYPE F F F U"),
+    "packed_rgba.pcd": packed_pcd("rgba"),
     "blanks.xyz": text(" ", "# x y z r g b\n"),
     "commas.csv": text(",", "x,y,z,r,g,b\n"),
     "semicolons.txt": text("; "),
+    "units.csv": text(",", '"X (m)","Y [m]",Z,Red,Green,Blue\n'),
+    "numbered.xyz": b"".join(b"%d %s\n" % (i, line) for i, line in enumerate(text(" ").splitlines())),
 }
 
 
@@ -114,7 +134,9 @@ BAD = {
     "faces_first.ply": (HEAD.replace(b"vertex", b"face"), ErrorCode.UNSUPPORTED),
     "empty.pcd": (b"", ErrorCode.FILE_CORRUPT),
     "cut.pcd": (pcd("binary")[:-9], ErrorCode.FILE_CORRUPT),
-    "compressed.pcd": (pcd("binary").replace(b"DATA binary", b"DATA binary_compressed"), ErrorCode.UNSUPPORTED),
+    "compressed.pcd": (pcd("binary").replace(b"DATA binary", b"DATA binary_compressed"), ErrorCode.FILE_CORRUPT),
+    "cut_compressed.pcd": (packed_pcd()[:-5], ErrorCode.FILE_CORRUPT),
+    "other.pcd": (pcd("binary").replace(b"DATA binary", b"DATA zipped"), ErrorCode.UNSUPPORTED),
     "fields.pcd": (pcd("binary").replace(b"SIZE 4 4 4 4", b"SIZE 4 4 4"), ErrorCode.FILE_CORRUPT),
     "huge_count.pcd": (pcd("binary").replace(b"COUNT 1 1 1 1", b"COUNT 9999999 1 1 1"), ErrorCode.FILE_CORRUPT),
     "empty.xyz": (b"", ErrorCode.EMPTY),
@@ -167,7 +189,7 @@ def test_places_of_pixels_without_depth_are_left_out(tmp_path: Path) -> None:
         cloud = check_cloud(np.concatenate([points, np.full((30, 3), value)]))
         np.testing.assert_array_equal(cloud.rows, np.arange(100))
         assert "30 of 130 points" in cloud.notes[0]
-    thrice = check_cloud(np.repeat(points, 12, axis=0))
+    thrice = check_cloud(np.repeat(0.1 * points, 12, axis=0))
     assert len(thrice.points) == 1200
     assert not thrice.notes
 
@@ -207,3 +229,10 @@ def test_decimal_commas_are_read(tmp_path: Path, between: str) -> None:
     rows = [between.join(f"{value:.3f}".replace(".", ",") for value in point) for point in POINTS.tolist()]
     path.write_text("\n".join([between.join("xyz"), *rows]))
     np.testing.assert_allclose(read_cloud(path).points, POINTS)
+
+
+@pytest.mark.parametrize(("size", "said"), [(4.9, True), (0.3, False), (0.006, True)])
+def test_a_size_that_few_objects_have_asks_for_the_unit(size: float, said: bool) -> None:
+    """An object in inches is 2 to 5 units across, and a mesh of the size one is 1 to 1.7."""
+    points = size / np.sqrt(3) * np.random.default_rng(0).random((200, 3))
+    assert any("state the unit" in note for note in check_cloud(points).notes) == said
