@@ -9,7 +9,7 @@ from poise.inertia import InertialParameters
 from poise.mismatch import NominalModel, diagnose, joined
 from poise.mismatch.answer import effects_called
 from poise.mismatch.reading import MeasuredStreams, ModelEffect, ReadRecording, read_streams, with_model_effects
-from poise.mismatch.recorded import joint_torques, shown_by_efforts, wrench_of_torques
+from poise.mismatch.recorded import joint_torques, shown, wrench_of_torques
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
 
@@ -125,5 +125,6 @@ def test_a_wrench_is_recovered_from_the_torques_that_balance_it():
     wrench = np.tile([3.0, -2.0, 4.0, 0.1, 0.2, -0.1], (len(recorded), 1))
     torques = joint_torques(recorded, wrench[:, :, None])[:, :, 0]
     assert np.median(np.abs(wrench_of_torques(recorded, torques) - wrench)) < 0.05
-    shown = shown_by_efforts(recorded, wrench)
-    np.testing.assert_allclose(shown, wrench_of_torques(recorded, torques), atol=0.01)  # two clocks
+    assert shown(recorded, wrench) is wrench
+    alone = replace(recorded, wrench=np.full_like(recorded.wrench, np.nan))
+    np.testing.assert_allclose(shown(alone, wrench), wrench_of_torques(alone, torques), atol=0.01)  # two clocks

@@ -17,7 +17,7 @@ from poise.mismatch.effects.part_wrench import (
     point_wrench,
 )
 from poise.mismatch.effects.starts import noise_in
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, shown
 from poise.types import Array
 
 _LONGER, _SHORTEST = 1.3, 0.05
@@ -68,6 +68,7 @@ class MassLeak(Effect):
         weight = 1.0 / noise_in(recorded, residual)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
+        matrix = shown(recorded, matrix)
         begin, whole = float(recorded.seconds[0]), recorded.duration
         times = (begin + whole * np.linspace(0.0, 0.85, 11)).tolist()
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from poise.geometry import cross, cross_matrix
 from poise.mismatch.effects.part_motion import hanging
 from poise.mismatch.effects.starts import noise_in
-from poise.mismatch.recorded import RecordedMotion, shown_by_efforts
+from poise.mismatch.recorded import RecordedMotion, shown
 from poise.types import Array
 
 POINT_PARAMETERS = ("x", "y", "z")
@@ -135,9 +135,7 @@ def beside_errors(recorded: RecordedMotion, values: Array) -> Array:
 
     Without a wrench sensor, only what the joint efforts show of wrenches remains: a residual holds nothing else.
     """
-    if not recorded.has("wrench") and recorded.has("effort"):
-        values = shown_by_efforts(recorded, values)
-    return beside_states(error_states(recorded), values)
+    return beside_states(error_states(recorded), shown(recorded, values))
 
 
 def beside_states(states: Array, values: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.geometry import runs
-from poise.mismatch.recorded import RecordedMotion, white_level, wrench_rounding
+from poise.mismatch.recorded import RecordedMotion, shown, white_level, wrench_rounding
 from poise.types import Array, Mask
 
 _GRID = 49
@@ -49,7 +49,7 @@ def steps(
         (begin, end), s; the end is infinite for what stays.
     """
     noise = noise_in(recorded, residual)
-    spans = SpanFits(residual / noise, columns / noise[:, None])
+    spans = SpanFits(residual / noise, shown(recorded, columns) / noise[:, None])
     samples = len(recorded)
     gain = spans.gain(np.arange(1, samples), samples)
     middle = np.concatenate([recorded.seconds[:1], (recorded.seconds[1:] + recorded.seconds[:-1]) / 2])

@@ -1,7 +1,7 @@
 """One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
-from poise.mismatch.recorded.joint_torques import joint_torques, shown_by_efforts, wrench_of_torques
+from poise.mismatch.recorded.joint_torques import joint_torques, shown, wrench_of_torques
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import (
@@ -46,7 +46,7 @@ __all__ = [
     "motion_response",
     "moving",
     "noise_level",
-    "shown_by_efforts",
+    "shown",
     "smoothing",
     "white_level",
     "wrench_of_torques",

@@ -38,12 +38,13 @@ def wrench_of_torques(recorded: RecordedMotion, torque: Array) -> Array:
     return np.asarray(-scale * np.einsum("ncj,nj->nc", scaled, np.linalg.solve(square, there[:, :, None])[:, :, 0]))
 
 
-def shown_by_efforts(recorded: RecordedMotion, wrench: Array) -> Array:
-    """(N, 6, ...) what joint efforts show of wrenches on the sensor: the smallest wrenches with the same efforts.
+def shown(recorded: RecordedMotion, wrench: Array) -> Array:
+    """(N, 6, ...) what was recorded of wrenches on the sensor: all with a wrench sensor, else what joint efforts show.
 
-    Raises:
-        ValueError: without joints or efforts.
+    These are the smallest wrenches with the same efforts.
     """
+    if recorded.has("wrench") or recorded.joints is None or recorded.effort is None:
+        return wrench
 
     def made() -> Array:
         jacobian, _ = _jacobian(recorded)
