@@ -28,6 +28,7 @@ from benchmarks.random_effects import TURNS, random_case
         (7310, "flexible_mode"),  # efforts alone
         (7493, "grasp_compliance"),  # efforts alone; a mode of a part fits nearly as well
         (7530, "load_dependent_friction"),  # reverses along a path, as Coulomb friction did alone
+        (9141, "stribeck_friction"),  # a tight spot took the place of the Coulomb friction that both contain
         (7525, "coulomb_friction"),  # stick-slip, whose noisy acceleration a spring would smooth
     ],
 )

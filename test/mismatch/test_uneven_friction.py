@@ -24,6 +24,16 @@ def test_a_tight_spot_is_no_even_friction(uneven: float, name: str) -> None:
     assert [each.effect.name for each in found.findings] == [name]
 
 
+def test_stiction_is_no_tight_spot() -> None:
+    """Both contain Coulomb friction; the one that explains more takes its place."""
+    joints = Recorded(ARM, seconds=20.0, effort_noise=0.1).joints()
+    size = 1.0 + 1.0 * np.exp(-((joints.velocity / 0.1) ** 2))
+    stuck = replace(joints, effort=joints.effort + size * np.tanh(joints.velocity / 5e-3))
+    reading = read(stuck)
+    found = diagnose(reading.recorded, reading.model, library=effects_called(LIBRARY))
+    assert [each.effect.name for each in found.findings] == ["stribeck_friction"]
+
+
 def test_friction_that_would_drive_a_joint_is_no_answer() -> None:
     recorded, effect = read(Recorded(ARM, seconds=6.0).joints()).recorded, effect_named("position_friction")
     assert effect is not None

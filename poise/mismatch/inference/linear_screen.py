@@ -80,9 +80,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
             break
     sums, chosen = _with_laws(problem, screen, sums, chosen)
     chosen = _varied(sums, _pruned(sums, _grown(sums, _with_event(problem, sums, chosen), general=True)))
-    for effect in (each for each in effects if each.made_of):
-        chosen = _replaced(problem, sums, chosen, effect)
-    return _fitted(problem, sums, chosen)
+    return _fitted(problem, sums, _combined(problem, sums, chosen, effects))
 
 
 class _Screen:
@@ -256,6 +254,20 @@ def _with_laws(problem: Problem, screen: _Screen, sums: BlockSums, chosen: list[
 def _general(sums: BlockSums, family: int) -> bool:
     effect = sums.families[family].effect
     return effect is not None and effect.general_at(sums.families[family].values)
+
+
+def _combined(problem: Problem, sums: BlockSums, chosen: list[int], effects: Sequence[Effect]) -> list[int]:
+    """With combinations in place of simple effects; of those that contain the same one, the best comes first."""
+    left = [each for each in effects if each.made_of]
+    while left:
+        tried = [_replaced(problem, sums, chosen, each) for each in left]
+        better = [made for made in tried if made != chosen]
+        if not better:
+            break
+        variance = begun(sums, chosen)[1]
+        chosen = min(better, key=lambda made: relative(block_errors(sums, made, variance), variance))
+        left = [each for each, made in zip(left, tried, strict=True) if made != chosen]
+    return chosen
 
 
 def _replaced(problem: Problem, sums: BlockSums, chosen: list[int], combined: Effect) -> list[int]:
