@@ -21,10 +21,15 @@ class Caller:
 
     def send(self, **fields):
         """The handle of an accepted goal."""
+        handle = self.offer(**fields)
+        assert handle.accepted
+        return handle
+
+    def offer(self, **fields):
+        """The handle of a goal, accepted or not."""
         goal = self._action.Goal(**fields)
         future = self._client.send_goal_async(goal, feedback_callback=lambda said: self.feedback.append(said.feedback))
         self._graph.wait_for(future.done, what="acceptance")
-        assert future.result().accepted
         return future.result()
 
     def result(self, handle, timeout: float = TIMEOUT):
