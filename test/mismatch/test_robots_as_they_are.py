@@ -12,8 +12,9 @@ from field_robots import ARM, Recorded, read, streams, urdf
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.effects import all_effects
+from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.reading import NominalModel, acting_on_efforts, joined, on_efforts, parse_model, read_streams
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, write_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot
@@ -53,6 +54,15 @@ def loaded_axis(seed: int, load: Array, seconds: float = 16.0) -> JointStream:
     return JointStream(stamps, robot.joint_names, position, moved.velocity, effort)
 
 
+def on_one_axis(name: str) -> tuple[RecordedMotion, Effect]:
+    """The efforts of one axis with a load of 1.7 kg, and an effect of the load as they show it."""
+    load = np.array([1.7, 0.05, 0.0, 0.17, 0.023, 0.0, -0.005, 0.022, 0.0, 0.006])
+    recorded = read(loaded_axis(1, load), TURN, NominalModel(phi=load)).recorded
+    (effect,) = (acting_on_efforts(each) for each in effects_called([name]))
+    assert effect is not None
+    return recorded, effect
+
+
 @pytest.mark.parametrize("seed", [0, 2])
 def test_a_load_on_one_axis_is_not_a_gain_and_a_rotor(seed: int) -> None:
     """A gain and a rotor have the response of a load here, with fewer parameters each: one cause is simpler."""
@@ -65,10 +75,7 @@ def test_a_load_on_one_axis_is_not_a_gain_and_a_rotor(seed: int) -> None:
 
 def test_a_soft_grasp_on_one_axis_is_searched_in_what_its_efforts_show() -> None:
     """One effort shows one of six channels of a wrench; the others would outweigh it in the choice of a start."""
-    load = np.array([1.7, 0.05, 0.0, 0.17, 0.023, 0.0, -0.005, 0.022, 0.0, 0.006])
-    recorded = read(loaded_axis(1, load), TURN, NominalModel(phi=load)).recorded
-    (grasp,) = (acting_on_efforts(each) for each in effects_called(["grasp_compliance"]))
-    assert grasp is not None
+    recorded, grasp = on_one_axis("grasp_compliance")
     for stiffness in (12.0, 40.0, 150.0):
         residual = grasp.simulate(recorded, {"stiffness": stiffness, "damping_ratio": 0.25, "height": 0.03})
         rest = []
@@ -82,10 +89,7 @@ def test_a_soft_grasp_on_one_axis_is_searched_in_what_its_efforts_show() -> None
 
 def test_a_load_that_changes_on_one_axis_is_searched_in_what_its_efforts_show() -> None:
     """With five channels that were not recorded, the best time was a third of a second late, beside a false contact."""
-    load = np.array([1.7, 0.05, 0.0, 0.17, 0.023, 0.0, -0.005, 0.022, 0.0, 0.006])
-    recorded = read(loaded_axis(1, load), TURN, NominalModel(phi=load)).recorded
-    (step,) = (acting_on_efforts(each) for each in effects_called(["mass_step"]))
-    assert step is not None
+    recorded, step = on_one_axis("mass_step")
     for time in (5.0, 7.3, 11.2):
         changed = {"mass": 0.2, "moment_x": 0.02, "moment_y": 0.0, "moment_z": 0.01}
         residual = step.simulate(recorded, {"time": time, "returns": 0.0, "length": 0.5, **changed})

@@ -46,6 +46,11 @@ class _Rim:
         """(..., 3) outward normals of the side there."""
         return np.asarray(np.cos(angles)[..., None] * self._axes[0] + np.sin(angles)[..., None] * self._axes[1])
 
+    def angle_of(self, point: Array) -> float:
+        """At which a point (3,) of the rim is."""
+        x, y = self._axes @ (point - self.centre)
+        return float(np.arctan2(y, x))
+
     def along(self, angle: float) -> Array:
         """(3,) unit vector along the rim."""
         return np.asarray(np.cos(angle) * self._axes[1] - np.sin(angle) * self._axes[0])
@@ -84,9 +89,9 @@ def rims_on_rims(body: PlacedBody, base: PlacedBody, margin: float) -> list[Cont
         for angle, _ in _least(rim, lambda points, _: away(points), np.zeros(1, dtype=np.int64), margin):
             place = rim.at(np.array(angle))
             foot = other.nearest(place)
-            there = np.arctan2(*((foot - other.centre) @ plane_axes(other.out).T)[::-1])
-            for normal in _square_to(rim.along(angle), other.along(float(there))):
-                if rim.faces(-normal, angle) and other.faces(normal, float(there)):
+            there = other.angle_of(foot)
+            for normal in _square_to(rim.along(angle), other.along(there)):
+                if rim.faces(-normal, angle) and other.faces(normal, there):
                     patches += _patch(place, foot, normal, margin, None)
     return patches
 

@@ -14,7 +14,7 @@ from poise.assembly.statics import (
     rolling,
     too_many_to_roll,
 )
-from poise.geometry import unit
+from poise.geometry import cross, unit
 from poise.types import Array
 
 _NAMED = 4
@@ -83,7 +83,7 @@ def _tips(points: Array, com: Array, gravity: Array, size: float) -> bool:
         return False
     up, arm = -unit(gravity), com - middle
     run = axes[0] if spread[0] > size else np.zeros(3)
-    across = np.cross(run, up) if run.any() else arm - (arm @ up) * up
+    across = cross(run, up) if run.any() else arm - (arm @ up) * up
     level = float(np.linalg.norm(across))
     if run.any() and level < _UPRIGHT:  # on points that are above each other nothing balances
         return False

@@ -22,7 +22,7 @@ from poise.mismatch.effects.part_wrench import (
     payload_centre,
 )
 from poise.mismatch.effects.starts import spans
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, efforts_alone
 from poise.types import Array
 
 _POINT = ("x", "y", "z")
@@ -188,10 +188,7 @@ class _PlateSearch:
     @classmethod
     def of(cls, few: RecordedMotion, left: Array) -> "_PlateSearch":
         """The search for a residual (N, 6)."""
-        shows = None
-        if not few.has("wrench") and few.effort is not None and few.joints is not None:
-            chosen = [few.joints.names.index(name) for name in few.effort.names]
-            shows = -np.swapaxes(few.joints.jacobian_in_sensor[:, :, chosen], 1, 2)
+        shows = efforts_alone(few)
         channels = left if shows is None else np.einsum("nci,ni->nc", shows, left)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(channels**2, axis=0)), 1e-9)
         errors = error_states(few)

@@ -72,7 +72,7 @@ class PositionFriction(DryFriction):
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """Friction acts against the motion wherever the joint was; that of an even gear is Coulomb friction."""
         position = efforts(recorded).position
-        size = of_joints(recorded, values, "torque") + in_model(recorded, "friction") + np.zeros_like(position)
+        size = of_joints(recorded, values, "torque") + in_model(recorded, "friction")
         for name, wave in _WAVES.items():
             size = size + of_joints(recorded, values, name) * wave(position)
         least, most = size.min(axis=0), size.max(axis=0)

@@ -100,13 +100,14 @@ def score_starts(
     problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, starts: Iterable[Values]
 ) -> list[EffectCandidate]:
     """One effect beside a regression at its best starting points; its potential is the gain beyond chance."""
-    by_law: dict[str, list[_Point]] = {}
+    by_law: dict[str, list[dict[str, float]]] = {}
     for start in starts:
-        at = _linear(problem, regression, recorded, effect, dict(start))
-        by_law.setdefault(effect.law(start), []).append(at)
-    count = _ROUGH_STARTS if effect.rough else 1
-    best = [heapq.nlargest(count, tried, key=lambda each: each.drop) for tried in by_law.values()]
-    scored = [[_scored(regression, recorded, effect, at) for at in group] for group in best]
+        by_law.setdefault(effect.law(start), []).append(dict(start))
+    scored = []
+    for group in by_law.values():
+        tried = (_linear(problem, regression, recorded, effect, start) for start in group)
+        best = heapq.nlargest(_ROUGH_STARTS if effect.rough else 1, tried, key=lambda each: each.drop)
+        scored.append([_scored(regression, recorded, effect, at) for at in best])
     return [each for group in sorted(scored, key=lambda group: -group[0].potential) for each in group]
 
 

@@ -15,7 +15,7 @@ from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.inference.reversals import friction_known
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import RecordedMotion, lattice, wrench_rounding
+from poise.mismatch.recorded import RecordedMotion, rounding, wrench_rounding
 from poise.types import Array, Mask
 
 _BREAK = 2.0
@@ -371,7 +371,7 @@ def signal_noise(
         track = recorded.effort
         seconds, speed, motion = track.seconds, np.linalg.norm(track.velocity, axis=1), track.motion_variance
         measured, expected = track.measured, track.prediction
-        least = np.array([lattice(column) / np.sqrt(12.0) for column in measured.T])
+        least = np.array([rounding(column) for column in measured.T])
     least = np.maximum(least, _BEST_MODEL * measured.std(axis=0) + 1e-9)
     coarse = signal == "wrench"  # motor currents are finely resolved, and gears knock
     white = residual is None

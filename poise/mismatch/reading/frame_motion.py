@@ -8,7 +8,7 @@ from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.joint_samples import apart
 from poise.mismatch.reading.motion_variance import wrench_variance
-from poise.mismatch.recorded import RecordedMotion, at_times, lattice, load_wrench
+from poise.mismatch.recorded import RecordedMotion, at_times, load_wrench, rounding
 from poise.recording import Recording, WrenchStream
 from poise.robot import FrameSource, MeasuredMotion, find_imu, find_kinematics, scatter
 from poise.types import Array
@@ -73,9 +73,8 @@ def recorded_from_frames(
 
 def _place_noise(places: Array) -> float:
     """m, one sigma of measured positions (M, 3): their scatter, or their rounding."""
-    rounding = lattice(places) / np.sqrt(12.0)
-    measured = scatter(places)
-    return float(max(measured, rounding) if np.isfinite(measured) else rounding)
+    rounded, measured = rounding(places), scatter(places)
+    return float(max(measured, rounded) if np.isfinite(measured) else rounded)
 
 
 def _acceleration_sigma(found: MeasuredMotion, has_positions: bool) -> Array:

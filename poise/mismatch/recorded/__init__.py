@@ -1,7 +1,7 @@
 """One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
-from poise.mismatch.recorded.joint_torques import joint_torques, shown, wrench_of_torques
+from poise.mismatch.recorded.joint_torques import efforts_alone, joint_torques, shown, wrench_of_torques
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import (
@@ -9,6 +9,7 @@ from poise.mismatch.recorded.noise_levels import (
     block_means,
     lattice,
     noise_level,
+    rounding,
     white_level,
     wrench_rounding,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "at_times",
     "block_means",
     "directed",
+    "efforts_alone",
     "forces_at",
     "hermite",
     "joint_torques",
@@ -46,6 +48,7 @@ __all__ = [
     "motion_response",
     "moving",
     "noise_level",
+    "rounding",
     "shown",
     "smoothing",
     "white_level",

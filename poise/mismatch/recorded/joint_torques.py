@@ -10,6 +10,7 @@ _LEVER = 0.1
 """m: size of a torque relative to that of a force."""
 _DAMPING = 0.05
 """m: efforts that need a lever shorter than this say little about a force."""
+_SCALE = np.repeat([1.0, _LEVER], 3)
 
 
 def joint_torques(recorded: RecordedMotion, wrench: Array) -> Array:
@@ -31,11 +32,9 @@ def wrench_of_torques(recorded: RecordedMotion, torque: Array) -> Array:
         ValueError: without joints or efforts.
     """
     jacobian, seconds = _jacobian(recorded)
-    scale = np.repeat([1.0, _LEVER], 3)
-    scaled = jacobian * scale[:, None]
-    square = np.einsum("nci,ncj->nij", scaled, scaled) + _DAMPING**2 * np.eye(jacobian.shape[2])
+    scaled, square = _damped(jacobian)
     there = at_times(seconds, torque, recorded.seconds)
-    return np.asarray(-scale * np.einsum("ncj,nj->nc", scaled, np.linalg.solve(square, there[:, :, None])[:, :, 0]))
+    return np.asarray(-_SCALE * np.einsum("ncj,nj->nc", scaled, np.linalg.solve(square, there[:, :, None])[:, :, 0]))
 
 
 def shown(recorded: RecordedMotion, wrench: Array) -> Array:
@@ -43,17 +42,28 @@ def shown(recorded: RecordedMotion, wrench: Array) -> Array:
 
     These are the smallest wrenches with the same efforts.
     """
-    if recorded.has("wrench") or recorded.joints is None or recorded.effort is None:
+    by_wrench = efforts_alone(recorded)
+    if by_wrench is None:
         return wrench
 
     def made() -> Array:
-        jacobian, _ = _jacobian(recorded)
-        scale = np.repeat([1.0, _LEVER], 3)
-        scaled = jacobian * scale[:, None]
-        square = scaled.swapaxes(1, 2) @ scaled + _DAMPING**2 * np.eye(jacobian.shape[2])
-        return np.asarray(scale[:, None] * (scaled @ np.linalg.solve(square, scaled.swapaxes(1, 2))) / scale)
+        scaled, square = _damped(by_wrench.swapaxes(1, 2))
+        return np.asarray(_SCALE[:, None] * (scaled @ np.linalg.solve(square, scaled.swapaxes(1, 2))) / _SCALE)
 
     return np.asarray(np.einsum("ncd,nd...->nc...", recorded.once("shown by efforts", made), wrench))
+
+
+def efforts_alone(recorded: RecordedMotion) -> Array | None:
+    """(N, J, 6) efforts by a wrench on the sensor where they alone were recorded; None with a wrench, or without."""
+    if recorded.has("wrench") or recorded.joints is None or recorded.effort is None:
+        return None
+    return -_jacobian(recorded)[0].swapaxes(1, 2)
+
+
+def _damped(jacobian: Array) -> tuple[Array, Array]:
+    """(N, 6, J) Jacobians with torques as large as forces, and their damped squares (N, J, J)."""
+    scaled = jacobian * _SCALE[:, None]
+    return scaled, np.einsum("nci,ncj->nij", scaled, scaled) + _DAMPING**2 * np.eye(jacobian.shape[2])
 
 
 def _jacobian(recorded: RecordedMotion) -> tuple[Array, Array]:

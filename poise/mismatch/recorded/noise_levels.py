@@ -143,6 +143,11 @@ def lattice(values: Array) -> float:
     return step if np.quantile(off, 0.99) < 0.04 else 0.0
 
 
+def rounding(values: Array) -> float:
+    """One sigma of the rounding of values (any shape) to their `lattice`; 0 without one."""
+    return float(lattice(values) / np.sqrt(12.0))
+
+
 def wrench_rounding(wrench: Array) -> Array:
     """(6,) one sigma of the rounding of wrenches (N, 6), one step for forces and one for torques; 0 without."""
-    return np.repeat([lattice(wrench[:, part]) / np.sqrt(12.0) for part in (slice(0, 3), slice(3, 6))], 3)
+    return np.repeat([rounding(wrench[:, part]) for part in (slice(0, 3), slice(3, 6))], 3)
