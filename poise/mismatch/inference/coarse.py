@@ -69,7 +69,7 @@ def averaged_efforts(effort: EffortTrack, groups: NDArray[np.intp]) -> EffortTra
     if effort.links is not None:
         names, columns = effort.links.base_parameters
         parts = (mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
-        links = LinkTrack(effort.links.numbers, *parts)
+        links = LinkTrack(effort.links.numbers, *parts, effort.links.slides)
         links.__dict__["base_parameters"] = names, mean(columns)  # the same parameters as at the full rate
         changes["links"] = links
     return replace(effort, **changes)  # type: ignore[arg-type]

@@ -37,7 +37,8 @@ def link_track(
         row[:] = wide[:, links]
     efforts = np.einsum("mjlp,lp->mjl", out, phi)
     numbers = tuple(int(joints[i]) - robot.base_joints + 1 for i in links)
-    return LinkTrack(numbers, efforts, out * _sizes(phi))
+    slides = np.isin(robot.joint_names, robot.prismatic)[known]
+    return LinkTrack(numbers, efforts, out * _sizes(phi), slides)
 
 
 def _sizes(phi: Array) -> Array:

@@ -1,6 +1,6 @@
 """What each link adds to the joint efforts, and the base parameters that these efforts can show."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ _ROWS = 600
 """Samples that decide which parameters are independent."""
 _VISIBLE = 0.02
 """Least response to a change of a parameter by its typical size, in units of the rms effort of the joints."""
+_LEAST_SIZE = 0.05
+"""Least rms effort that counts for a joint, in units of the largest one; forces and torques have no common unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +28,20 @@ class LinkTrack:
         efforts: (M, J, L) N m that each link needs as modelled; their sum is the effort of the arm without payload.
         by_parameter: (M, J, L, 10) response to each of `LINK_PARAMETERS` by its typical size: the link's mass, mass
             times reach, mass times reach squared.
+        slides: (J,) the joints that slide: their efforts are forces.
     """
 
     numbers: tuple[int, ...]
     efforts: Array
     by_parameter: Array
+    slides: Mask
 
     def __getitem__(self, rows: Mask | slice) -> "LinkTrack":
-        return LinkTrack(self.numbers, self.efforts[rows], self.by_parameter[rows])
+        return replace(self, efforts=self.efforts[rows], by_parameter=self.by_parameter[rows])
+
+    def of_joints(self, keep: Mask) -> "LinkTrack":
+        """Of a part of the joints, (J) bool."""
+        return LinkTrack(self.numbers, self.efforts[:, keep], self.by_parameter[:, keep], self.slides[keep])
 
     @cached_property
     def base_parameters(self) -> tuple[tuple[str, ...], Array]:
@@ -46,7 +54,8 @@ class LinkTrack:
         wide = self.by_parameter.reshape(count, joints, -1)
         rows = wide[:: max(count // _ROWS, 1)]
         size = np.sqrt(np.mean(self.efforts.sum(axis=2) ** 2, axis=0))
-        size = np.maximum(size, 0.05 * size.max(initial=1e-9))
+        for alike in (self.slides, ~self.slides):
+            size[alike] = np.maximum(size[alike], _LEAST_SIZE * size[alike].max(initial=1e-9))
         flat = (rows / size[:, None]).reshape(-1, wide.shape[2])
         if not flat.size:
             return (), np.zeros((count, joints, 0))

@@ -180,7 +180,7 @@ class EffortTrack:
             changes["stated"] = tuple(each for each, kept in zip(self.stated, keep.tolist(), strict=True) if kept)
         if self.links is not None:
             links = self.links
-            changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])
+            changes["links"] = links.of_joints(keep)
         return replace(self, **changes)
 
     def unit(self, turning: str, *joints: str) -> str:
