@@ -14,7 +14,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.reading import NominalModel, acting_on_efforts, joined, on_efforts, parse_model, read_streams
-from poise.mismatch.recorded import LinkTrack, RecordedMotion
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, write_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot
@@ -393,14 +393,3 @@ def test_links_that_differ_much_ask_for_the_description() -> None:
     still = {each.name: 0.0 for each in effect.parameters(recorded)}
     assert "is it of this robot" in effect.sentence(recorded, still | {first: 100.0})
     assert "is it of this robot" not in effect.sentence(recorded, still | {first: 1e-3})
-
-
-def test_forces_of_a_slide_do_not_hide_the_links_of_a_wrist() -> None:
-    """A carriage that weighs 190 N: an eccentric head was `joint_offset`, since its link had no visible parameter."""
-    rng = np.random.default_rng(4)
-    efforts = np.stack([[190.0, 0.0], [0.0, 0.4]], axis=1) * np.ones((50, 1, 1))
-    response = np.zeros((50, 2, 2, 10))
-    response[:, 0, 0, 0], response[:, 1, 1, 1] = 190.0, 0.1 * rng.normal(size=50)
-    for slides, seen in (([True, False], ("mass_1", "moment_x_2")), ([False, False], ("mass_1",))):
-        track = LinkTrack((1, 2), efforts, response, np.array(slides))
-        assert track.base_parameters[0] == seen

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from poise.mismatch.inference.noise import SignalNoise, kept_share
 from poise.mismatch.inference.problem import Problem, SampleBlocks
-from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.mismatch.recorded import EffortTrack
 from poise.types import Array
 
 _FEWEST, _SPAN = 5, 0.04
@@ -68,8 +68,8 @@ def averaged_efforts(effort: EffortTrack, groups: NDArray[np.intp]) -> EffortTra
     changes["stuck"] = None
     if effort.links is not None:
         names, columns = effort.links.base_parameters
-        parts = (mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
-        links = LinkTrack(effort.links.numbers, *parts, effort.links.slides)
+        before = effort.links
+        links = replace(before, efforts=mean(before.efforts), by_parameter=mean(before.by_parameter))
         links.__dict__["base_parameters"] = names, mean(columns)  # the same parameters as at the full rate
         changes["links"] = links
     return replace(effort, **changes)  # type: ignore[arg-type]

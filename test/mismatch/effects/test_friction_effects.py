@@ -11,6 +11,7 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION
 from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.reading import effort_track
+from poise.mismatch.recorded import LinkTrack
 from poise.simulation import JointMotion
 
 JOINTS = range(1, 7)
@@ -258,3 +259,14 @@ def test_across_the_gap_the_joint_bears_nothing():
     rests = (np.abs(beyond) >= 0.015) & (np.abs(second) < 0.02)
     np.testing.assert_allclose(found[rests], track.by_position[rests, :, 0] * beyond[rests, None], atol=0.06)
     assert {-1.0, 1.0} <= set(np.sign(beyond[rests]))
+
+
+def test_forces_of_a_slide_do_not_hide_the_links_of_a_wrist() -> None:
+    """A carriage that weighs 190 N: an eccentric head was `joint_offset`, since its link had no visible parameter."""
+    rng = np.random.default_rng(4)
+    efforts = np.stack([[190.0, 0.0], [0.0, 0.4]], axis=1) * np.ones((50, 1, 1))
+    response = np.zeros((50, 2, 2, 10))
+    response[:, 0, 0, 0], response[:, 1, 1, 1] = 190.0, 0.1 * rng.normal(size=50)
+    for slides, seen in (([True, False], ("mass_1", "moment_x_2")), ([False, False], ("mass_1",))):
+        track = LinkTrack((1, 2), efforts, response, np.array(slides))
+        assert track.base_parameters[0] == seen
