@@ -138,6 +138,17 @@ def test_a_drift_inside_its_tolerance_may_be_curved(shape: str) -> None:
     assert diagnose(recorded, NominalModel(phi=recorded.phi)).verdict == "none"
 
 
+@pytest.mark.parametrize("edge", [0.5, -0.5], ids=["start", "end"])
+def test_a_drift_may_leave_the_largest_bias(edge: float) -> None:
+    """A sensor that is off by its bias at the start, or at the end, and by more elsewhere, was `bias_drift`."""
+    rng = np.random.default_rng(17)
+    made = errors(rng)
+    drift = np.sign(edge * made["bias"]) * np.abs(made["drift"])
+    wrench = read(made | {"drift": drift, "bias": made["bias"] + edge * drift})
+    recorded = replace(motion(), wrench=wrench + 0.2 * SIGMA * rng.normal(size=wrench.shape))
+    assert diagnose(recorded, NominalModel(phi=recorded.phi)).verdict == "none"
+
+
 @pytest.mark.parametrize("name", WIDENING)
 def test_an_error_beyond_what_all_tolerances_can_explain_is_a_finding(name: str) -> None:
     """The other errors are zero. Crosstalk inside its tolerance can explain a part of several of them."""

@@ -37,7 +37,7 @@ class CalibrationGroup:
             rest (what the model leaves of the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or
             blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
-        bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
+        bound: half-width of the uniform prior in tolerances, (k,) where they differ; infinite: a normal prior of `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
         channels: C.
         lasting: the group is the same for all predictions.
@@ -45,7 +45,7 @@ class CalibrationGroup:
 
     name: str
     values: Array
-    bound: float = CALIBRATION_BOUND
+    bound: float | Array = CALIBRATION_BOUND
     channel: NDArray[np.intp] | None = None
     channels: int = 0
     lasting: bool = False
@@ -135,10 +135,12 @@ def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibrat
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     steady = np.broadcast_to(bias, (len(recorded), 6))
+    # The drift is about the middle of the recording; a sensor may be inside its bias at the start or at the end alone.
+    anywhere = CALIBRATION_BOUND + 0.5 * drift / np.maximum(bias, 1e-9)
     each = np.arange(6)
     return (
         CalibrationGroup("payload", payload_columns(recorded, tolerance), lasting=True),
-        CalibrationGroup("bias", steady, channel=each, channels=6, lasting=True),
+        CalibrationGroup("bias", steady, anywhere, channel=each, channels=6, lasting=True),
         CalibrationGroup("drift", ramp[:, None] * drift, channel=each, channels=6, lasting=True),
         CalibrationGroup(
             "curved_drift",
