@@ -37,7 +37,7 @@ class CalibrationGroup:
             rest (what the model leaves of the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or
             blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
-        bound: half-width of the uniform prior in tolerances, (k,) where they differ; infinite: a normal prior of `NORMAL_PRECISION`.
+        bound: half-width of the uniform prior in tolerances, or (k,) of them; infinite: normal, `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
         channels: C.
         lasting: the group is the same for all predictions.
