@@ -33,6 +33,8 @@ _SOFT = (0.003, 0.006, 0.01, 0.02)
 _BLURS, _FINE = (15, 5), 9
 _SEARCHES = ((15, 0.7, 0.24), (5, 0.15, 0.06), (1, 0.06, 0.02))
 """Width of the blur in samples; how far, as a logarithm, the best gap so far is varied, and how far the lever turns."""
+_CROSSED = 1
+"""Samples inside the gap at a usual crossing, from more than which these show it."""
 _MOST = 2.0
 """Of the effort of a free link that the fit may have: it is 1 for an exact inertia; more than vanishes is no gap."""
 
@@ -125,7 +127,7 @@ class Backlash(Effect):
         low, high = _gaps(recorded, values["joint"])
         inside = low * _AT_END < values["gap"] <= high * (1.0 + 1e-9)
         wrong = "" if inside else f"gap would be {values['gap']:.3g} {joint_unit(recorded, 'rad', 'gap', values)}"
-        return super().implausible(recorded, values) or wrong
+        return super().implausible(recorded, values) or wrong or _unseen(recorded, values)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sliding = slides(recorded, values["joint"])
@@ -142,6 +144,15 @@ def _free_link(recorded: RecordedMotion, values: Values) -> tuple[Array, tuple[A
     torque = track.rigid[:, column] + values["turned"] * track.by_position[:, column, column]
     push = np.asarray(-torque / np.maximum(track.by_acceleration[:, column, column], 1e-6))
     return push, between_stops(track.seconds, push, values["gap"], values["settling"])
+
+
+def _unseen(recorded: RecordedMotion, values: Values) -> str:
+    """Why no sample would show the link inside the gap: a knock alone may be a corner of the motion."""
+    _, (beyond, *_) = _free_link(recorded, values)
+    stopped = np.flatnonzero(np.abs(beyond) >= 0.5 * values["gap"])
+    crossed = np.diff(stopped)[np.diff(np.sign(beyond[stopped])) != 0.0] - 1
+    seen = not crossed.size or np.median(crossed) > _CROSSED
+    return "" if seen else "the gap would be crossed from one sample to the next"
 
 
 def _blurred(values: Array, blur: int) -> Array:

@@ -37,7 +37,7 @@ def link_track(
         row[:] = wide[:, links]
     efforts = np.einsum("mjlp,lp->mjl", out, phi)
     numbers = tuple(int(joints[i]) - robot.base_joints + 1 for i in links)
-    slides = np.isin(robot.joint_names, robot.prismatic)[known]
+    slides = tuple(np.isin(robot.joint_names, robot.prismatic)[known].tolist())
     return LinkTrack(numbers, efforts, out * _sizes(phi), slides)
 
 

@@ -34,14 +34,15 @@ class LinkTrack:
     numbers: tuple[int, ...]
     efforts: Array
     by_parameter: Array
-    slides: Mask
+    slides: tuple[bool, ...]
 
     def __getitem__(self, rows: Mask | slice) -> "LinkTrack":
         return replace(self, efforts=self.efforts[rows], by_parameter=self.by_parameter[rows])
 
     def of_joints(self, keep: Mask) -> "LinkTrack":
         """Of a part of the joints, (J) bool."""
-        return LinkTrack(self.numbers, self.efforts[:, keep], self.by_parameter[:, keep], self.slides[keep])
+        slides = tuple(slide for slide, kept in zip(self.slides, keep.tolist(), strict=True) if kept)
+        return LinkTrack(self.numbers, self.efforts[:, keep], self.by_parameter[:, keep], slides)
 
     @cached_property
     def base_parameters(self) -> tuple[tuple[str, ...], Array]:
@@ -54,7 +55,8 @@ class LinkTrack:
         wide = self.by_parameter.reshape(count, joints, -1)
         rows = wide[:: max(count // _ROWS, 1)]
         size = np.sqrt(np.mean(self.efforts.sum(axis=2) ** 2, axis=0))
-        for alike in (self.slides, ~self.slides):
+        slides = np.array(self.slides, dtype=bool)
+        for alike in (slides, ~slides):
             size[alike] = np.maximum(size[alike], _LEAST_SIZE * size[alike].max(initial=1e-9))
         flat = (rows / size[:, None]).reshape(-1, wide.shape[2])
         if not flat.size:

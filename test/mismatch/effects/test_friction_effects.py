@@ -267,6 +267,6 @@ def test_forces_of_a_slide_do_not_hide_the_links_of_a_wrist() -> None:
     efforts = np.stack([[190.0, 0.0], [0.0, 0.4]], axis=1) * np.ones((50, 1, 1))
     response = np.zeros((50, 2, 2, 10))
     response[:, 0, 0, 0], response[:, 1, 1, 1] = 190.0, 0.1 * rng.normal(size=50)
-    for slides, seen in (([True, False], ("mass_1", "moment_x_2")), ([False, False], ("mass_1",))):
-        track = LinkTrack((1, 2), efforts, response, np.array(slides))
+    for slides, seen in (((True, False), ("mass_1", "moment_x_2")), ((False, False), ("mass_1",))):
+        track = LinkTrack((1, 2), efforts, response, slides)
         assert track.base_parameters[0] == seen
