@@ -6,9 +6,15 @@ import numpy as np
 
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.drift import Drift
+from poise.mismatch.effects.load_changes import imitates_drift
 from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
 from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
+
+_SIZES = (0.6, 0.6, 0.6, 0.04, 0.04, 0.04)
+"""N, N m: typical drifts."""
+_PARALLEL = 0.1
+"""Sine of the angle between a drift and a load that hardly changes, below which a drifting gain has its response."""
 
 
 class BiasDrift(Drift):
@@ -21,11 +27,20 @@ class BiasDrift(Drift):
     widens = "drift"
 
     def changes(self) -> Sequence[EffectParameter]:
-        units, sizes = ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3
-        return [EffectParameter(*each) for each in zip(BIAS_PARAMETERS, units, sizes, strict=True)]
+        units = ["N"] * 3 + ["N m"] * 3
+        return [EffectParameter(*each) for each in zip(BIAS_PARAMETERS, units, _SIZES, strict=True)]
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return np.asarray(self.course(recorded, nonlinear)[:, None, None] * np.eye(6))
+
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
+        course, load = self.course(recorded, values), recorded.prediction
+        change, usual = (
+            np.asarray(each) / _SIZES for each in ([values[axis] for axis in BIAS_PARAMETERS], load.mean(0))
+        )
+        across = change - usual * (change @ usual) / max(float(usual @ usual), 1e-300)
+        steady = recorded.has("load") and imitates_drift(course, course[:, None] * load)
+        return ("gain_drift",) if steady and np.linalg.norm(across) < _PARALLEL * np.linalg.norm(change) else ()
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.drift import Drift
+from poise.mismatch.effects.load_changes import imitates_drift
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -14,7 +15,7 @@ class GainDrift(Drift):
     name = "gain_drift"
     equation = "w_read = (1 + g (c(t) - c(t0))) w, c = (1 - exp(-t / tau)) / (1 - exp(-T / tau))"
     source = "temperature coefficient of gauge factor and modulus (VPG Tech Note TN-504-1); warm-up of first order"
-    excited_by = "a load, at the start and at the end"
+    excited_by = "a load that turns or moves, at the start and at the end"
     confused_with = ("bias_drift", "mass_leak", "sensor_creep", "sensor_gain", "payload_parameters")
     needs = ("load",)
 
@@ -23,6 +24,10 @@ class GainDrift(Drift):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return self.course(recorded, nonlinear)[:, None, None] * recorded.prediction[:, :, None]
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        refused = super().implausible(recorded, values)
+        return refused or imitates_drift(self.course(recorded, values), self.simulate(recorded, values))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded

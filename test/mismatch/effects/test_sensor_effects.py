@@ -46,6 +46,21 @@ def test_a_gain_that_warms_up_scales_the_whole_load():
     np.testing.assert_allclose(grown, 0.04 * course * at.prediction, atol=1e-12)
 
 
+def test_a_gain_that_drifts_needs_a_load_that_changes():
+    """Where a load hangs still, a zero that drifts along it has the same response, and is as likely."""
+    at = recorded()
+    still = at.with_prediction(np.broadcast_to(at.prediction[0], at.prediction.shape))
+    gain, drift = effect_named("gain_drift"), effect_named("bias_drift")
+    values = filled(gain, at, {"gain": 0.04})
+    assert gain.implausible(at, values) == ""
+    assert "hardly changes" in gain.implausible(still, values)
+    axes = [p.name for p in drift.parameters(at) if p.linear]
+    along = filled(drift, at, dict(zip(axes, 0.04 * at.prediction[0], strict=True)))
+    assert drift.twins(still, along) == ("gain_drift",)
+    assert drift.twins(at, along) == ()
+    assert drift.twins(still, {**along, "force_x": along["force_x"] + 1.0}) == ()
+
+
 def test_gain_is_a_matrix():
     at, matrix = recorded(), 0.05 * np.random.default_rng(0).normal(size=(6, 6))
     effect = effect_named("sensor_gain")
