@@ -192,7 +192,7 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].excess <= 0.0):
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
         best = found_in_efforts(state, refused)
-        if set(names(best)) <= set(names(found[0].fit)):
+        if set(names(best)) <= set(names(found[0].fit)) and not _explains_more(best, found):
             continue
         tried = _proven(state, best, seen, held)
         if tried[3].augmented < found[3].augmented:
@@ -201,6 +201,11 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
         return found
     # Effects that were chosen together may all lack a proof beside each other.
     return _after(found, _proven(state, alone_in_efforts(state, found[0].dropped), seen, held))
+
+
+def _explains_more(best: HypothesisFit, found: _Proven) -> bool:
+    """Whether a fit of the same effects has better values: beside refused effects, a fit ends in another valley."""
+    return _settled(found[1], best).log_evidence > found[2].log_evidence
 
 
 def _after(found: _Proven, tried: _Proven) -> _Proven:
