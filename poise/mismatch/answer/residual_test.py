@@ -44,12 +44,8 @@ class ResidualTest:
 
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
     """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
-    rows = problem.active
-    scaled = (residual / problem.noise.total)[rows]
-    seconds = problem.seconds[rows]
-    # A few spikes are no structure: residuals are limited to five sigmas.
-    free = max(float(problem.free[rows].sum()), 1.0)
-    excess = float(np.sum(np.clip(scaled, -5.0, 5.0) ** 2)) / free - 1.0
+    scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
+    excess = excess_of(problem, residual)
     loud = _louder_when_fast(problem, residual)
     allowed = allowed_excess(problem) + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
@@ -57,6 +53,14 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     return ResidualTest(
         excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1))
     )
+
+
+def excess_of(problem: Problem, residual: Array) -> float:
+    """Energy of a residual (N, C) over that of the noise, less one."""
+    rows = problem.active
+    # A few spikes are no structure: residuals are limited to five sigmas.
+    scaled = np.clip((residual / problem.noise.total)[rows], -5.0, 5.0)
+    return float(np.sum(scaled**2)) / max(float(problem.free[rows].sum()), 1.0) - 1.0
 
 
 def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
-from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
+from poise.mismatch.answer.residual_test import ResidualTest, excess_of, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
@@ -20,6 +20,7 @@ from poise.mismatch.inference import (
     Problem,
     ProvenModel,
     TimeLimit,
+    allowed_excess,
     alone_in_efforts,
     fit,
     found_in_efforts,
@@ -189,18 +190,24 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     """
     events = frozenset(each.name for each in state.library if each.free_course)
     refused: set[str] = set()
-    while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].excess <= 0.0):
+    while not (state.limit.over() or refused.issuperset(found[0].dropped) or _within_noise(found)):
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
         best = found_in_efforts(state, refused)
         if set(names(best)) <= set(names(found[0].fit)) and not _explains_more(best, found):
             continue
         tried = _proven(state, best, seen, held)
-        if tried[3].augmented < found[3].augmented:
-            found = _after(found, tried)
-    if found[0].fit.parts or not found[0].dropped or found[3].excess <= 0.0 or state.limit.over():
+        found = _after(found, tried if tried[3].augmented < found[3].augmented else found, tried)
+    if found[0].fit.parts or not found[0].dropped or _within_noise(found) or state.limit.over():
         return found
     # Effects that were chosen together may all lack a proof beside each other.
-    return _after(found, _proven(state, alone_in_efforts(state, found[0].dropped), seen, held))
+    alone = _proven(state, alone_in_efforts(state, found[0].dropped), seen, held)
+    return _after(found, alone, alone)
+
+
+def _within_noise(found: _Proven) -> bool:
+    """Whether nothing is left to explain, on held-out samples and on all: an effect may hardly act on the former."""
+    _, final, best, proof = found
+    return proof.excess <= 0.0 and excess_of(final, residual_of(final, best)) <= allowed_excess(final)
 
 
 def _explains_more(best: HypothesisFit, found: _Proven) -> bool:
@@ -208,9 +215,9 @@ def _explains_more(best: HypothesisFit, found: _Proven) -> bool:
     return _settled(found[1], best).log_evidence > found[2].log_evidence
 
 
-def _after(found: _Proven, tried: _Proven) -> _Proven:
-    """A proven model in the place of another one, with what lacks a proof in either."""
-    return (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
+def _after(found: _Proven, better: _Proven, tried: _Proven) -> _Proven:
+    """The better of two proven models, with what lacks a proof in either."""
+    return (replace(better[0], dropped=found[0].dropped | tried[0].dropped), *better[1:])
 
 
 def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:
