@@ -114,7 +114,7 @@ def test_what_only_a_leaves_unexplained_is_held_against_b(
     monkeypatch: pytest.MonkeyPatch, unexplained: str, side: str
 ) -> None:
     """Of two motions: rotors of A that no name explains beside its friction were `none`, since B has nothing more."""
-    monkeypatch.setattr(comparison, "with_known_physics", lambda recorded, alone: recorded)
+    monkeypatch.setattr(comparison, "with_known_load", lambda recorded, alone: recorded)
     alone = {
         name: SimpleNamespace(unknown="rest" if name in unexplained else None, findings=(), augmented=name)
         for name in "ab"

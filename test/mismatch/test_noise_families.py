@@ -92,16 +92,19 @@ def test_a_line_in_the_spectrum_is_no_noise() -> None:
     assert noise_level(values + line, 0.005).block.tolist() == [1] * 6
 
 
+def standing(seconds: Array, wrench: Array) -> RecordedMotion:
+    """A sensor at rest without a load."""
+    zeros, turn = np.zeros((len(wrench), 3)), np.tile(np.eye(3), (len(wrench), 1, 1))
+    return RecordedMotion(0, seconds, wrench, np.zeros(10), 0 * wrench, zeros, zeros, zeros, zeros, turn, zeros, zeros)
+
+
 @pytest.mark.parametrize("size", [0.3, 1.0])
 def test_noise_does_not_hide_a_slow_residual(size: float) -> None:
     """The absolute gate: a slow residual beyond what colour may have is structure, whatever filter made the noise."""
     values = noise("white", 100, seed=7, filtered=True)
     seconds = np.arange(len(values)) / 100
     values = values + size * 4.0 * np.sin(2 * np.pi * 0.4 * seconds)[:, None]
-    zeros = np.zeros((len(values), 3))
-    turn = np.tile(np.eye(3), (len(values), 1, 1))
-    still = RecordedMotion(0, seconds, values, np.zeros(10), 0 * values, zeros, zeros, zeros, zeros, turn, zeros, zeros)
-    problem = Problem(still, NominalModel(), fitted(values, 100))
+    problem = Problem(standing(seconds, values), NominalModel(), fitted(values, 100))
     assert judge_residual(problem, values, problem.whiten(values)).structured == (size == 1.0)
 
 
@@ -151,3 +154,16 @@ def test_no_columns_are_whitened_to_none():
     motion = {"seconds": np.arange(500) * 0.01, "speed": np.ones(500), "share": np.ones(6), "band": np.ones(6)}
     coloured = SignalNoise(np.ones(6), (NoiseColour(0.2, 0.3, 0.1),) * 6, **motion)
     assert coloured.whiten(np.zeros((500, 6, 0))).shape == (0, 6, 500)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.6])
+def test_quiet_channels_do_not_hide_the_residual_of_one(size: float) -> None:
+    """A hum of one channel, six sigma, was noise: the motion was less wrong than its variance in the other channels."""
+    values = 0.7 * noise("white", 100, seed=7)
+    seconds = np.arange(len(values)) / 100
+    problem = Problem(standing(seconds, values), NominalModel(), fitted(values / 0.7, 100))
+    sigma = problem.noise.sigma[1]
+    values[:, 1] += size * sigma * np.sin(2 * np.pi * 6.3 * seconds)
+    found = judge_residual(problem, values, problem.whiten(values))
+    assert found.excess < 0.0
+    assert (found.structured, found.channel) == ((True, "fy") if size else (False, ""))

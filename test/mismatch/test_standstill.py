@@ -1,5 +1,7 @@
 """Joints that rest in dry friction: what it carries there depends on how they stopped, and is no other effect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from field_robots import ARM, read
@@ -8,7 +10,7 @@ from poise.commands.mismatch_answer import as_json
 from poise.mismatch.answer import diagnose
 from poise.mismatch.inference import beside_stuck_joints, effort_problem
 from poise.mismatch.inference.standstill import standing
-from poise.mismatch.reading import ReadRecording
+from poise.mismatch.reading import ModelEffect, ReadRecording
 from poise.recording import JointStream
 from poise.robot import RobotModel
 from poise.simulation import IdealRobot, JointMotion
@@ -84,3 +86,14 @@ def test_without_dry_friction_a_hold_shows_the_load() -> None:
     assert found.verdict == "none"
     assert found.at_rest == {}
     assert found.rest_sentence == ""
+
+
+def test_friction_of_the_model_holds_joints_too_and_its_reversals_are_not_known() -> None:
+    """Friction in model.yaml, as it is: what it carries at rest was `coulomb_friction`."""
+    case = recorded(2.0)
+    torques = {f"torque_{i}": size for i, size in enumerate((4.0, 2.0, 0.6), start=1)}
+    model = replace(case.model, effects=(ModelEffect("coulomb_friction", torques, np.zeros((3, 3))),))
+    found = diagnose(case.recorded, model)
+    assert found.verdict == "none"
+    assert found.findings == ()
+    assert all(share > 0.2 for share in found.at_rest.values())

@@ -16,7 +16,7 @@ from poise.mismatch.answer.signal_diagnosis import FOR_SEARCH, SignalDiagnosis, 
 from poise.mismatch.answer.unknown_physics import UnknownPhysics
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import Problem, TimeLimit, beside_stuck_joints, effort_problem, wrench_problem
-from poise.mismatch.reading import NominalModel, with_model_effects, with_rest
+from poise.mismatch.reading import NominalModel, with_joint_physics, with_model_effects, with_rest
 from poise.mismatch.recorded import RecordedMotion
 from poise.notebooks import html_table
 from poise.threads import in_one_thread
@@ -159,6 +159,7 @@ def diagnose(
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "there is no wrench and no usable joint effort to examine")
     # Readings at a limit of the model are left out; clipped predictions would hide what acts before the limit.
     recorded = with_model_effects(recorded, [each for each in model.effects if each.name != "saturation"])
+    recorded = with_joint_physics(recorded, model.effects)
     signals = ["wrench"] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
         signals.append("effort")

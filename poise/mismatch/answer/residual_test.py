@@ -11,11 +11,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import MATERIAL_EXCESS, Problem, allowed_excess, linear_bspline_basis
-from poise.mismatch.recorded import block_means
+from poise.mismatch.recorded import WRENCH_CHANNELS, block_means
 from poise.types import Array
 
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
+_ONE_CHANNEL = 0.5
+"""Energy of one channel, beyond the share that all channels may have, that is structure where the others have less."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,8 @@ class ResidualTest:
 
     Args:
         excess: energy of the residual over that of the noise, less one.
+        channel: the name of the channel, or joint, with a residual where the others have none; "".
+        of_channel: its excess; that of all channels where there is none.
         structured: the residual exceeds the noise.
         louder: its fast part grows with the speed.
         depends_on: states that it correlates with, the best first.
@@ -31,6 +35,8 @@ class ResidualTest:
     """
 
     excess: float
+    channel: str
+    of_channel: float
     structured: bool
     louder: bool
     depends_on: tuple[str, ...]
@@ -45,22 +51,37 @@ class ResidualTest:
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
     """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
     scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
+    energy, free = _energies(problem, residual)
     excess = excess_of(problem, residual)
     loud = _louder_when_fast(problem, residual)
-    allowed = allowed_excess(problem) + float(np.mean((rounding / problem.noise.sigma) ** 2))
-    structured = excess > allowed or loud
+    rounded = np.broadcast_to((rounding / problem.noise.sigma) ** 2, energy.shape)
+    allowed = allowed_excess(problem) + float(np.mean(rounded))
+    each = energy / np.maximum(free, 1.0) - 1.0
+    worst = int(np.argmax(each - rounded))
+    alone = excess <= allowed and each[worst] - rounded[worst] > allowed_excess(problem) + _ONE_CHANNEL
+    structured = excess > allowed or loud or alone
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
-    return ResidualTest(
-        excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1))
-    )
+    white = _strongest_correlation(whitened.reshape(residual.shape[1], -1))
+    channel = _channel(problem, worst) if alone else ""
+    return ResidualTest(excess, channel, float(each[worst]) if alone else excess, structured, loud, depends, white)
+
+
+def _channel(problem: Problem, number: int) -> str:
+    effort = None if problem.signal == "wrench" else problem.recorded.effort
+    return (WRENCH_CHANNELS if effort is None else effort.names)[number]
 
 
 def excess_of(problem: Problem, residual: Array) -> float:
     """Energy of a residual (N, C) over that of the noise, less one."""
-    rows = problem.active
+    energy, free = _energies(problem, residual)
+    return float(energy.sum() / max(float(free.sum()), 1.0)) - 1.0
+
+
+def _energies(problem: Problem, residual: Array) -> tuple[Array, Array]:
+    """(C,) energy of each channel of a residual in units of its noise, and (C,) the readings that count."""
     # A few spikes are no structure: residuals are limited to five sigmas.
-    scaled = np.clip((residual / problem.noise.total)[rows], -5.0, 5.0)
-    return float(np.sum(scaled**2)) / max(float(problem.free[rows].sum()), 1.0) - 1.0
+    scaled = np.clip((residual / problem.noise.total)[problem.active], -5.0, 5.0)
+    return np.sum(scaled**2, axis=0), np.asarray(problem.free[problem.active].sum(axis=0))
 
 
 def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tuple[str, ...]:

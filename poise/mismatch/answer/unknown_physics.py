@@ -96,8 +96,9 @@ def unknown_physics(
             None,
         )
     what = " and ".join(state_description(state) for state in depends) or "no recorded state"
+    where = f" of {rest.channel}" if rest.channel else ""
     sentence = (
-        f"An effect outside the library remains: the residual has {100 * rest.excess:.0f} % more energy than "
-        f"the sensor's noise may have; it correlates with {what}."
+        f"An effect outside the library remains: the residual{where} has {100 * rest.of_channel:.0f} % more energy "
+        f"than the sensor's noise may have; it correlates with {what}."
     )
     return UnknownPhysics(tuple(depends), sentence, None)

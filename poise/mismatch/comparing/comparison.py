@@ -13,7 +13,7 @@ from poise.mismatch.comparing.alignment import Alignment, align, postures
 from poise.mismatch.comparing.change import Change, Recorded, alike, as_much, beyond_errors, change_of
 from poise.mismatch.comparing.difference import difference, with_motion_of
 from poise.mismatch.comparing.direction import has_less, unexplained
-from poise.mismatch.comparing.known_physics import with_known_physics
+from poise.mismatch.comparing.known_load import with_known_load
 from poise.mismatch.comparing.stages import Stages
 from poise.mismatch.reading import NominalModel, with_common_efforts, with_model_effects
 from poise.mismatch.recorded import RecordedMotion
@@ -219,7 +219,7 @@ def _through_model(
     ):
         side, this, less = "a", a, b
     alone = stages.alone(less, model)
-    found = stages.diagnose(with_known_physics(this, alone), alone.augmented)
+    found = stages.diagnose(with_known_load(this, alone), alone.augmented)
     own = _values(alone)
     changes = [change_of(each, side, own.get(each.effect.name, {}), less) for each in found.findings]
     kept, said = _material(changes, alone, less, side, stages)
@@ -257,7 +257,7 @@ def _one_way(
         return stages.diagnose(without_common(this, other, matched), stages.for_two, without=without)
     alone = stages.alone(other, stages.for_two)
     less = without_common(this, with_model_effects(other, alone.augmented.effects), matched)
-    return stages.diagnose(with_known_physics(less, alone), alone.augmented, without=without)
+    return stages.diagnose(with_known_load(less, alone), alone.augmented, without=without)
 
 
 def without_common(this: RecordedMotion, other: RecordedMotion, matched: Alignment) -> RecordedMotion:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from poise.mismatch.effects import Effect, in_model
 from poise.mismatch.inference.courses import follows_residual
@@ -34,7 +34,10 @@ def standing(track: EffortTrack) -> Mask:
     speed = np.abs(track.velocity)
     usual = np.quantile(speed, 0.99, axis=0)
     mean = np.abs(uniform_filter1d(track.velocity, span, axis=0, mode="nearest"))
-    return np.asarray((mean <= _SLOW * usual) & (speed <= _CREEPS * usual))
+    still = (mean <= _SLOW * usual) & (speed <= _CREEPS * usual)
+    # The mean speed of the first and the last samples of a rest is that of the motion beside it.
+    beside = maximum_filter1d(still, 2 * (span // 2) + 1, axis=0, mode="nearest")
+    return np.asarray(beside & (speed <= _CREEPS * usual))
 
 
 def beside_stuck_joints(problem: Problem, library: Sequence[Effect] | None) -> Problem:

@@ -9,7 +9,13 @@ from poise.mismatch.reading.joint_names import read_joint_names
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.load_on_efforts import LoadOnEfforts, acting_on_efforts, on_efforts, with_rest
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
-from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
+from poise.mismatch.reading.model_effects import (
+    absent,
+    complete_values,
+    effect_of,
+    with_joint_physics,
+    with_model_effects,
+)
 from poise.mismatch.reading.nominal_model import (
     ModelEffect,
     NominalModel,
@@ -54,6 +60,7 @@ __all__ = [
     "spans",
     "tracking",
     "with_common_efforts",
+    "with_joint_physics",
     "with_model_effects",
     "with_rest",
     "without",

@@ -1,12 +1,14 @@
 """The effects of a model, applied to a recording by the `simulate` that found them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.effects import LAYERS, Effect, Values, effect_named
+from poise.mismatch.effects import LAYERS, Effect, Values, effect_named, numbered_joints
 from poise.mismatch.reading.load_on_efforts import acting_on_efforts
 from poise.mismatch.reading.nominal_model import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
+from poise.simulation.models import JointPhysics
 
 
 def with_model_effects(
@@ -38,6 +40,26 @@ def with_model_effects(
             elif recorded.effort is not None:
                 recorded = recorded.with_effort(recorded.effort.prediction + response)
     return recorded
+
+
+def with_joint_physics(recorded: RecordedMotion, components: Sequence[ModelEffect]) -> RecordedMotion:
+    """The recording that knows which friction, damping and rotors the effects of a model give its joints.
+
+    It may have less of them, and the reversals of their friction are not known. Efforts are not predicted again:
+    `with_model_effects` does that.
+    """
+    effort = recorded.effort
+    if effort is None:
+        return recorded
+    numbers = {joint: number for number, joint in numbered_joints(recorded).items()}
+    stated = []
+    for name, physics in zip(effort.names, effort.stated or (JointPhysics(),) * len(effort.names), strict=True):
+        added = {each: getattr(physics, each) for each in ("friction", "damping", "armature")}
+        for component in components:
+            for stem, what in effect_of(component).of_joint.items():
+                added[what] += component.values.get(f"{stem}_{numbers[name]}", 0.0)
+        stated.append(replace(physics, **added))
+    return replace(recorded, effort=replace(effort, stated=tuple(stated)))
 
 
 def complete_values(effect: Effect, recorded: RecordedMotion, values: Values) -> Values:
