@@ -44,6 +44,8 @@ FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
 proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
+_TURNS = 3
+"""Times that effects on efforts are chosen again without those that lack a proof."""
 _NO_BETTER = 1.02
 """Held-out error beside another answer as good, relative to the error of that one, from which this is no better."""
 _LEAST = 1e-3
@@ -190,7 +192,9 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     """
     events = frozenset(each.name for each in state.library if each.free_course)
     refused: set[str] = set()
-    while not (state.limit.over() or refused.issuperset(found[0].dropped) or _within_noise(found)):
+    for _ in range(_TURNS):
+        if state.limit.over() or refused.issuperset(found[0].dropped) or _within_noise(found):
+            break
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
         best = found_in_efforts(state, refused)
         if set(names(best)) <= set(names(found[0].fit)) and not _explains_more(best, found):
