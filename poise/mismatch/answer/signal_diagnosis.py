@@ -14,6 +14,7 @@ from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
     WARM_STEPS,
     EffectCandidate,
+    FittedEffect,
     HeldOutProof,
     HypothesisFit,
     HypothesisSearch,
@@ -180,7 +181,7 @@ def _with_rivals(
 def _predicts_worse(tried: _Proven, found: _Proven, held: Mask) -> bool:
     """Whether held-out samples are predicted worse than with the model found so far, in the units of its noise."""
     final = found[1]
-    beside = _settled(final, tried[2])
+    beside = _settled(final, tried[2].parts)
     return held_out(replace(final, judged=None), beside, held).augmented > _NO_BETTER * found[3].augmented
 
 
@@ -216,7 +217,9 @@ def _within_noise(found: _Proven) -> bool:
 
 def _explains_more(best: HypothesisFit, found: _Proven) -> bool:
     """Whether a fit of the same effects has better values: beside refused effects, a fit ends in another valley."""
-    return _settled(found[1], best).log_evidence > found[2].log_evidence
+    final = found[1]
+    carried = [part.carried(final.recorded) for part in best.parts]
+    return _settled(final, carried).log_evidence > found[2].log_evidence
 
 
 def _after(found: _Proven, better: _Proven, tried: _Proven) -> _Proven:
@@ -237,7 +240,7 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
         if state.problem is not seen:
             best = fit(seen, [part.carried(seen.recorded) for part in best.parts], WARM_STEPS)
         final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-        best = _settled(final, best)
+        best = _settled(final, best.parts)
         proof = held_out(replace(final, judged=None), best, held)
         dropped |= model.dropped
         if not best.parts or not proof.worse:
@@ -247,11 +250,11 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
         dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
 
 
-def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
-    """The fit under the final noise."""
+def _settled(final: Problem, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """The fit of effects under the final noise."""
     if final.signal == "wrench":
-        return fit(final, best.parts, WARM_STEPS)
-    return fit(final, fit(final.weighed(), best.parts, WARM_STEPS).parts, 0)
+        return fit(final, parts, WARM_STEPS)
+    return fit(final, fit(final.weighed(), parts, WARM_STEPS).parts, 0)
 
 
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
