@@ -38,12 +38,6 @@ def _changing_friction(track: EffortTrack, joint: int) -> Array:
     return np.hstack([course * np.tanh(rate / _SLOW), course * rate / max(float(rate.std()), 1e-9)])
 
 
-def _changing_gain(track: EffortTrack, joint: int) -> Array:
-    """A gain of the motor that changes with time."""
-    load = track.rigid[:, joint, None]
-    return _time(track, joint) * load / max(float(np.sqrt(np.mean(load**2))), 1e-9)
-
-
 def _place(track: EffortTrack, joint: int) -> Array:
     return linear_bspline_basis(track.position[:, joint], _TURNS)
 
@@ -60,7 +54,6 @@ _CURVES: dict[str, Callable[[EffortTrack, int], Array]] = {
     "time": _time,
     "joint_velocity": _rate,
     "time:friction": _changing_friction,
-    "time:load": _changing_gain,
     "joint_position": _place,
     "joint_position:friction": _friction_at_place,
     "load:friction": _friction_under_load,
