@@ -6,6 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign.drives import DriveFault
 from benchmarks.foreign.fault import LoadFault, direction, point_on
@@ -91,7 +92,7 @@ class WarmingGain(SensorFault):
     """The sensor's gain follows its temperature, which rises as it warms up; size: relative."""
 
     name, usual, largest, library, stage = "warming_gain", 0.06, 0.5, False, 3
-    accept = ("temperature_drift",)
+    accept = ("gain_drift",)
 
     @classmethod
     def random(cls, scene: Scene, track: Track, rng: np.random.Generator) -> dict[str, Any]:
@@ -115,6 +116,21 @@ class SensorHysteresis(SensorFault):
             middle = np.clip(middle, force - self.size, force + self.size)
             lag[i] = force - middle
         return wrench - np.hstack([lag, np.zeros_like(lag)])
+
+
+class LooseFlange(SensorFault):
+    """The sensor turns in its flange while a screw works loose, ever faster; size: rad at the end."""
+
+    name, usual, largest, library, stage = "loose_flange", 0.05, 0.5, False, 2
+
+    @classmethod
+    def random(cls, scene: Scene, track: Track, rng: np.random.Generator) -> dict[str, Any]:
+        return {"axis": list(direction(rng)), "power": float(rng.uniform(1.0, 3.0))}
+
+    def sense(self, track: Track, wrench: Array) -> Array:
+        angle = self.size * (track.seconds / track.seconds[-1]) ** self.truth["power"]
+        turn = Rotation.from_rotvec(angle[:, None] * np.array(self.truth["axis"])).inv()
+        return np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
 
 
 class MotorGain(DriveFault):
@@ -169,4 +185,7 @@ class CableChain(DriveFault):
         world.data.qfrc_applied[world.dof(joint)] -= self.one() * (0.4 * bend + bend**3)
 
 
-OUTSIDE = (Magnet, Gusts, HangingRope, WarmingGain, SensorHysteresis, MotorGain, WarmingFriction, CableChain)
+OUTSIDE = (
+    *(Magnet, Gusts, HangingRope, WarmingGain, SensorHysteresis, MotorGain, WarmingFriction, CableChain),
+    LooseFlange,
+)

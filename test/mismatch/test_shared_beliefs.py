@@ -11,6 +11,7 @@ from poise.mismatch.answer.belief import EffectBelief, beliefs, rival_odds
 from poise.mismatch.answer.named import equals
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import EffectCandidate, EffectProof, FittedEffect, HypothesisFit, ProvenModel, Variation
+from poise.mismatch.inference.effort_curves import EffortCurve
 
 
 def beliefs_of(
@@ -102,3 +103,24 @@ def test_of_a_delay_and_a_filter_with_equal_evidence_none_is_preferred(name: str
     (found,) = beliefs_of((name,), 20.0, instead=instead)
     assert (found.probability < 0.55) == shares
     assert found.rivals[0][0] == rival
+
+
+@pytest.mark.parametrize(
+    ("name", "state", "gain", "shares"),
+    [
+        ("contact", "joint_position", 2630.0, True),
+        ("contact", "time", 2630.0, False),
+        ("contact", "joint_position", 1600.0, False),
+        ("air_drag", "joint_position", 2630.0, False),
+    ],
+)
+def test_a_curve_over_a_state_that_explains_as_much_as_an_event_of_free_course_is_as_likely(
+    name: str, state: str, gain: float, shares: bool
+) -> None:
+    """A cable chain that bends with a joint acts whenever the joint returns; a hand pushes once."""
+    law = effect_named(name)
+    assert law is not None
+    own = EffectCandidate(law, {}, 2631.0, 5478.0, 2631.0)
+    curve = EffectCandidate(EffortCurve(state), {}, gain, 5478.0, gain)
+    (found,) = beliefs_of((name,), 20.0, instead={name: own, curve.effect.name: curve})
+    assert (found.probability < 0.5) == shares

@@ -50,12 +50,9 @@ class ResidualTest:
 
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
     """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
-    rows = problem.active
-    scaled = (residual / problem.noise.total)[rows]
-    seconds = problem.seconds[rows]
-    # A few spikes are no structure: residuals are limited to five sigmas.
-    free, energy = problem.free[rows].sum(axis=0), np.sum(np.clip(scaled, -5.0, 5.0) ** 2, axis=0)
-    excess = float(energy.sum() / max(free.sum(), 1.0)) - 1.0
+    scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
+    energy, free = _energies(problem, residual)
+    excess = excess_of(problem, residual)
     loud = _louder_when_fast(problem, residual)
     rounded = np.broadcast_to((rounding / problem.noise.sigma) ** 2, energy.shape)
     allowed = allowed_excess(problem) + float(np.mean(rounded))
@@ -72,6 +69,19 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
 def _channel(problem: Problem, number: int) -> str:
     effort = None if problem.signal == "wrench" else problem.recorded.effort
     return (WRENCH_CHANNELS if effort is None else effort.names)[number]
+
+
+def excess_of(problem: Problem, residual: Array) -> float:
+    """Energy of a residual (N, C) over that of the noise, less one."""
+    energy, free = _energies(problem, residual)
+    return float(energy.sum() / max(float(free.sum()), 1.0)) - 1.0
+
+
+def _energies(problem: Problem, residual: Array) -> tuple[Array, Array]:
+    """(C,) energy of each channel of a residual in units of its noise, and (C,) the readings that count."""
+    # A few spikes are no structure: residuals are limited to five sigmas.
+    scaled = np.clip((residual / problem.noise.total)[problem.active], -5.0, 5.0)
+    return np.sum(scaled**2, axis=0), np.asarray(problem.free[problem.active].sum(axis=0))
 
 
 def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tuple[str, ...]:

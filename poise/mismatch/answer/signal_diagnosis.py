@@ -7,19 +7,21 @@ import numpy as np
 
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
-from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
+from poise.mismatch.answer.residual_test import ResidualTest, excess_of, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
     WARM_STEPS,
     EffectCandidate,
+    FittedEffect,
     HeldOutProof,
     HypothesisFit,
     HypothesisSearch,
     Problem,
     ProvenModel,
     TimeLimit,
+    allowed_excess,
     alone_in_efforts,
     fit,
     found_in_efforts,
@@ -43,6 +45,8 @@ FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
 proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
+_TURNS = 3
+"""Times that effects on efforts are chosen again without those that lack a proof."""
 _NO_BETTER = 1.02
 """Held-out error beside another answer as good, relative to the error of that one, from which this is no better."""
 _LEAST = 1e-3
@@ -177,7 +181,7 @@ def _with_rivals(
 def _predicts_worse(tried: _Proven, found: _Proven, held: Mask) -> bool:
     """Whether held-out samples are predicted worse than with the model found so far, in the units of its noise."""
     final = found[1]
-    beside = _settled(final, tried[2])
+    beside = _settled(final, tried[2].parts)
     return held_out(replace(final, judged=None), beside, held).augmented > _NO_BETTER * found[3].augmented
 
 
@@ -189,23 +193,38 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
     """
     events = frozenset(each.name for each in state.library if each.free_course)
     refused: set[str] = set()
-    while not (state.limit.over() or refused.issuperset(found[0].dropped) or found[3].excess <= 0.0):
+    for _ in range(_TURNS):
+        if state.limit.over() or refused.issuperset(found[0].dropped) or _within_noise(found):
+            break
         refused |= (events & found[0].dropped.keys()) - refused or found[0].dropped.keys()
         best = found_in_efforts(state, refused)
-        if set(names(best)) <= set(names(found[0].fit)):
+        if set(names(best)) <= set(names(found[0].fit)) and not _explains_more(best, found):
             continue
         tried = _proven(state, best, seen, held)
-        if tried[3].augmented < found[3].augmented:
-            found = _after(found, tried)
-    if found[0].fit.parts or not found[0].dropped or found[3].excess <= 0.0 or state.limit.over():
+        found = _after(found, tried if tried[3].augmented < found[3].augmented else found, tried)
+    if found[0].fit.parts or not found[0].dropped or _within_noise(found) or state.limit.over():
         return found
     # Effects that were chosen together may all lack a proof beside each other.
-    return _after(found, _proven(state, alone_in_efforts(state, found[0].dropped), seen, held))
+    alone = _proven(state, alone_in_efforts(state, found[0].dropped), seen, held)
+    return _after(found, alone, alone)
 
 
-def _after(found: _Proven, tried: _Proven) -> _Proven:
-    """A proven model in the place of another one, with what lacks a proof in either."""
-    return (replace(tried[0], dropped=found[0].dropped | tried[0].dropped), *tried[1:])
+def _within_noise(found: _Proven) -> bool:
+    """Whether nothing is left to explain, on held-out samples and on all: an effect may hardly act on the former."""
+    _, final, best, proof = found
+    return proof.excess <= 0.0 and excess_of(final, residual_of(final, best)) <= allowed_excess(final)
+
+
+def _explains_more(best: HypothesisFit, found: _Proven) -> bool:
+    """Whether a fit of the same effects has better values: beside refused effects, a fit ends in another valley."""
+    final = found[1]
+    carried = [part.carried(final.recorded) for part in best.parts]
+    return _settled(final, carried).log_evidence > found[2].log_evidence
+
+
+def _after(found: _Proven, better: _Proven, tried: _Proven) -> _Proven:
+    """The better of two proven models, with what lacks a proof in either."""
+    return (replace(better[0], dropped=found[0].dropped | tried[0].dropped), *better[1:])
 
 
 def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask) -> _Proven:
@@ -221,7 +240,7 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
         if state.problem is not seen:
             best = fit(seen, [part.carried(seen.recorded) for part in best.parts], WARM_STEPS)
         final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-        best = _settled(final, best)
+        best = _settled(final, best.parts)
         proof = held_out(replace(final, judged=None), best, held)
         dropped |= model.dropped
         if not best.parts or not proof.worse:
@@ -231,11 +250,11 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
         dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
 
 
-def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
-    """The fit under the final noise."""
+def _settled(final: Problem, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """The fit of effects under the final noise."""
     if final.signal == "wrench":
-        return fit(final, best.parts, WARM_STEPS)
-    return fit(final, fit(final.weighed(), best.parts, WARM_STEPS).parts, 0)
+        return fit(final, parts, WARM_STEPS)
+    return fit(final, fit(final.weighed(), parts, WARM_STEPS).parts, 0)
 
 
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:

@@ -1,7 +1,8 @@
 """The library of effects: one file for each, discovered in this folder.
 
 - `base`: `Effect`, `EffectParameter`: the base classes of an effect.
-- `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: shared by several effects.
+- `drift`, `joint_friction`, `knocks`, `load_changes`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`:
+  shared by several effects.
 - every other file: one effect.
 """
 

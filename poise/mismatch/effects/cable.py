@@ -9,7 +9,8 @@ from scipy.optimize import least_squares
 
 from poise.geometry import cross, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import beside_errors, by_size_and_place, coarsely, error_states, likely_place
+from poise.mismatch.effects.part_wrench import coarsely, likely_place
+from poise.mismatch.effects.recorded_channels import RecordedChannels
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array, Mask
 
@@ -79,32 +80,28 @@ class Cable(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Cords that explain the residual best, from anchors near and far; the torques give a first hook."""
         apart = max(_APART, recorded.duration / _SAMPLES)
-        few, left = coarsely(recorded, residual, apart)
-        weight = 1.0 / np.maximum(np.sqrt(np.mean(left**2, axis=0)), 1e-9)
-        wanted = beside_errors(few, left) * weight
+        seen = RecordedChannels.of(*coarsely(recorded, residual, apart))
+        few, wanted = seen.few, seen.wanted.ravel()
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
 
             def pulled(cord: Array, on_base: float = on_base) -> tuple[_Line, Array, float]:
-                """A cord, its pull (N, 6) beside errors, and its best stiffness."""
+                """A cord, its pull (N C,) beside errors, and its best stiffness."""
                 line = _line(few, _cord(cord, on_base))
-                pull = beside_errors(few, line.wrench) * weight
-                stiffness = max(float(np.vdot(pull, wanted)), 0.0) / max(float(np.vdot(pull, pull)), 1e-12)
-                return line, pull, stiffness
+                pull = seen.beside(line.wrench[:, :, None])[:, 0]
+                return line, pull, max(float(pull @ wanted), 0.0) / max(float(pull @ pull), 1e-12)
 
             def unexplained(cord: Array) -> Array:
                 _, pull, stiffness = pulled(cord)
-                return np.asarray((wanted - stiffness * pull).ravel())
+                return np.asarray(wanted - stiffness * pull)
 
             def slopes(cord: Array) -> Array:
-                """(6 N, 8) of `unexplained`, whose stiffness follows the cord (variable projection; Kaufman 1975)."""
+                """(N C, 8) of `unexplained`, whose stiffness follows the cord (variable projection; Kaufman 1975)."""
                 line, pull, stiffness = pulled(cord)
-                change = line.slopes(few, np.sign(cord[[3, 7]]))
-                flat = beside_errors(few, change)
-                flat = (flat * weight[:, None]).reshape(-1, len(cord))
-                along = pull.ravel() / max(float(np.linalg.norm(pull)), 1e-12)
+                flat = seen.beside(line.slopes(few, np.sign(cord[[3, 7]])))
+                along = pull / max(float(np.linalg.norm(pull)), 1e-12)
                 return np.asarray(-stiffness * (flat - np.outer(along, along @ flat)))
 
-            tried = _likely_cords(few, left, wanted, weight, on_base)
+            tried = _likely_cords(seen, on_base)
             refined = [
                 least_squares(unexplained, cord, slopes, max_nfev=_STEPS, x_scale="jac", ftol=_ROUGHLY, xtol=_ROUGHLY)
                 for cord in tried
@@ -268,17 +265,16 @@ def _nearer(cord: Array, middle: Array) -> Array:
     return np.array([*nearer, max(abs(cord[3]) - distance + _FARTHEST, 0.0), *cord[4:]])
 
 
-def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array, on_base: float) -> list[Array]:
+def _likely_cords(seen: RecordedChannels, on_base: float) -> list[Array]:
     """(8,) cords that explain most of a residual, of many anchors with the hook that suits each; last, a steady pull.
 
     The wrench of a cord is linear in its stiffness and in stiffness times hook, if the hook hardly changes its length.
 
     Args:
-        few: the motion.
-        left, wanted: (N, 6) the residual; and its part beside other errors, weighed.
-        weight: (6,) of the channels.
+        seen: the residual.
         on_base: whether the anchor moves with the base.
     """
+    few, left = seen.few, seen.left
     place, turn = _hook(few, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
     around = np.multiply.outer(_DISTANCES, sphere_directions(_AROUND)).reshape(-1, 3)
     anchors = np.vstack([_meeting(place, np.einsum("nij,nj->ni", turn, left[:, :3])), place.mean(axis=0) + around])
@@ -290,7 +286,7 @@ def _likely_cords(few: RecordedMotion, left: Array, wanted: Array, weight: Array
     tension = np.array([np.maximum(stretch + time * speed, 0.0) * (stretch > 0.0) for time in _DAMPED])
     toward = np.einsum("nji,anj->ain", turn, away / np.maximum(length, 1e-6)[:, :, None])
     pull = (tension[:, :, :, None] * toward).reshape(-1, 3, len(few))
-    normal, right = by_size_and_place(pull, error_states(few), wanted * weight, weight**2)
+    normal, right = seen.by_size_and_place(pull)
     solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
     # Joint efforts do not show the whole torque, and hooks from it may be anywhere.
     steady = np.concatenate([[1.0], likely_place(left[:, :3], left[:, 3:])])

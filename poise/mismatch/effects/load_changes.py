@@ -1,4 +1,4 @@
-"""Whether the load of a recording changes enough to distinguish an effect of the sensor from a gain and a bias."""
+"""Whether the load of a recording changes enough to distinguish an effect of the sensor from simpler ones."""
 
 import numpy as np
 
@@ -10,10 +10,18 @@ _CHANGES = 0.02
 
 def imitates_gain(load: Array, response: Array) -> str:
     """Why a response (N, 6) to the load (N, 6) shows no more than a gain and a bias of each channel; "" if it does."""
-    left = 0.0
-    for one, seen in zip(load.T, response.T, strict=True):
-        known = np.column_stack([one, np.ones(len(one))])
-        left += float(np.sum((seen - known @ np.linalg.lstsq(known, seen, rcond=None)[0]) ** 2))
-    if left < _CHANGES**2 * float(np.sum(response**2)):
-        return "the load hardly changes: a gain or a bias has the same response"
-    return ""
+    pairs = zip(load.T, response.T, strict=True)
+    left = sum(_left(np.column_stack([one, np.ones(len(one))]), seen) for one, seen in pairs)
+    hardly = left < _CHANGES**2 * float(np.sum(response**2))
+    return "the load hardly changes: a gain or a bias has the same response" if hardly else ""
+
+
+def imitates_drift(course: Array, response: Array) -> str:
+    """Why a response (N, 6) shows no more than a zero of each channel that follows a course (N,); "" if it does."""
+    hardly = _left(course[:, None], response) < _CHANGES**2 * float(np.sum(response**2))
+    return "the load hardly changes: a zero that drifts has the same response" if hardly else ""
+
+
+def _left(known: Array, seen: Array) -> float:
+    """The square of what columns (N, k) do not explain of a signal (N,) or of several (N, c)."""
+    return float(np.sum((seen - known @ np.linalg.lstsq(known, seen, rcond=None)[0]) ** 2))

@@ -46,7 +46,7 @@ class MassLeak(Effect):
     source = "thesis eq. 2.97 with a mass that changes slowly (Meshchersky's equation without the jet)"
     excited_by = "gravity and time"
     separating_motion = "turn the tool over early and late: weight turns with gravity, a drift of the sensor does not"
-    confused_with = ("bias_drift", "mass_step", "sensor_creep", "payload_parameters")
+    confused_with = ("bias_drift", "gain_drift", "mass_step", "sensor_creep", "payload_parameters")
     transfers = False
     defaults: ClassVar[Values] = {"length": _ENDLESS}
 

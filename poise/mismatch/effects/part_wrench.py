@@ -242,26 +242,3 @@ def best_fit(columns: Array, wanted: Array) -> tuple[Array, float]:
     normal[np.diag_indices(len(normal))] += 1e-9 * np.trace(normal) / len(normal) + 1e-300
     found = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
     return found, float(wanted @ wanted - right @ found)
-
-
-def by_size_and_place(pull: Array, errors: Array, wanted: Array, weight: Array) -> tuple[Array, Array]:
-    """(K, 4, 4) and (K, 4), the normal equations of the size of a force and of its products with its place.
-
-    Args:
-        pull: (K, 3, N) forces.
-        errors: (N, m) orthonormal; beside these.
-        wanted: (N, 6) beside these, weighed by weight (6,).
-    """
-    besides, along = pull @ errors, pull @ wanted
-    squares = pull @ pull.swapaxes(1, 2) - besides @ besides.swapaxes(1, 2)
-    levers = cross_matrix(np.eye(3))  # e_i x f
-    normal = np.zeros((len(pull), 4, 4))
-    normal[:, 0, 0] = np.einsum("kii,i->k", squares, weight[:3])
-    normal[:, 1:, 1:] = np.einsum("ica,kab,jcb,c->kij", levers, squares, levers, weight[3:], optimize=True)
-    loose = np.einsum("kii->k", normal[:, 1:, 1:])
-    normal[:, 1:, 1:] += (1e-3 * loose + 1e-12)[:, None, None] * np.eye(3)
-    normal[:, 0, 0] += 1e-12
-    right = np.concatenate(
-        [np.einsum("kii->k", along[:, :, :3])[:, None], np.einsum("ica,kac->ki", levers, along[:, :, 3:])], axis=1
-    )
-    return normal, right

@@ -6,7 +6,6 @@ vibroimpact"), and rubs against the sliding.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +13,10 @@ from scipy.optimize import least_squares, nnls
 
 from poise.geometry import cross, cross_matrix, sphere_directions
 from poise.mismatch.effects.base import EffectParameter, Values
-from poise.mismatch.effects.part_wrench import (
-    beside_states,
-    by_size_and_place,
-    coarsely,
-    error_states,
-    payload_centre,
-)
+from poise.mismatch.effects.part_wrench import coarsely, payload_centre
+from poise.mismatch.effects.recorded_channels import RecordedChannels
 from poise.mismatch.effects.starts import spans
-from poise.mismatch.recorded import RecordedMotion, efforts_alone
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _POINT = ("x", "y", "z")
@@ -165,34 +159,8 @@ def plate_starts(recorded: RecordedMotion, residual: Array) -> Iterator[dict[str
         yield {name: value for name, value in best.items() if name not in PUSHES}
 
 
-@dataclass(frozen=True, eq=False)
-class _PlateSearch:
-    """A residual in which plates are searched, in the channels that were recorded: a wrench, or joint efforts.
-
-    Args:
-        few: the motion.
-        shows: (N, C, 6) the channels by a wrench; None where they are the wrench.
-        left: (N, 6) the wrench that is unexplained, of efforts the least that explains them.
-        wanted: (N, C) the unexplained channels beside other errors, weighed.
-        weight: (C,) of the channels.
-        errors: (N, 10) states of other errors, see `error_states`.
-    """
-
-    few: RecordedMotion
-    shows: Array | None
-    left: Array
-    wanted: Array
-    weight: Array
-    errors: Array
-
-    @classmethod
-    def of(cls, few: RecordedMotion, left: Array) -> "_PlateSearch":
-        """The search for a residual (N, 6)."""
-        shows = efforts_alone(few)
-        channels = left if shows is None else np.einsum("nci,ni->nc", shows, left)
-        weight = 1.0 / np.maximum(np.sqrt(np.mean(channels**2, axis=0)), 1e-9)
-        errors = error_states(few)
-        return cls(few, shows, left, beside_states(errors, channels) * weight, weight, errors)
+class _PlateSearch(RecordedChannels):
+    """A residual in which plates are searched."""
 
     def likely(self) -> list[dict[str, float]]:
         """Plates that explain most of the residual, by their normal and the share of time in which the tool touches."""
@@ -234,8 +202,7 @@ class _PlateSearch:
     def _explained(self, pull: Array, hook: Array) -> tuple[Array, Array]:
         """(K,) falls of the square by forces (N, 3, K), and where (K, 3) their torques say that they act."""
         if self.shows is None:
-            wanted = self.wanted * self.weight
-            normal, right = by_size_and_place(pull.transpose(2, 1, 0), self.errors, wanted, self.weight**2)
+            normal, right = self.by_size_and_place(pull.transpose(2, 1, 0))
             solved = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
             falls = np.einsum("kj,kj->k", solved, right) * (solved[:, 0] > 0.0)
             places = solved[:, 1:] / np.maximum(solved[:, :1], 1e-12)
@@ -249,16 +216,7 @@ class _PlateSearch:
 
     def near(self, start: Values) -> "_PlateSearch":
         """The samples near a plate."""
-        rows = depth_inside(self.few, start) > -_WIDER
-        shows = None if self.shows is None else self.shows[rows]
-        errors = error_states(self.few)[rows]
-        return _PlateSearch(self.few.select(rows), shows, self.left[rows], self.wanted[rows], self.weight, errors)
-
-    def beside(self, wrenches: Array) -> Array:
-        """(N C, k) the channels of wrenches (N, 6, k) beside other errors, weighed."""
-        seen = wrenches if self.shows is None else self.shows @ wrenches
-        left = beside_states(self.errors, seen)
-        return np.asarray((left * self.weight[:, None]).reshape(-1, seen.shape[2]))
+        return self.at(depth_inside(self.few, start) > -_WIDER)
 
     def refined(self, start: Values) -> tuple[float, dict[str, float]]:
         """How much of the square a plate explains near a starting point, and its values."""

@@ -18,7 +18,7 @@ class SensorCreep(Effect):
     source = "standard linear solid (Findley, Lai, Onaran 1976, chapter 5); creep of load cells: OIML R 60"
     excited_by = "loads that change and then stay for seconds"
     separating_motion = "turn the tool over quickly and hold still for 30 s: creep grows, a gain acts at once"
-    confused_with = ("sensor_gain", "bias_drift", "sensor_bias", "low_pass", "payload_parameters")
+    confused_with = ("sensor_gain", "bias_drift", "gain_drift", "sensor_bias", "low_pass", "payload_parameters")
     order = 10
     needs = ("load",)
 

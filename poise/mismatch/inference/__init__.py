@@ -16,6 +16,7 @@ from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
     Dependence,
     DependenceCurve,
+    FreeCurve,
     dependence_curve,
     linear_bspline_basis,
     state_description,
@@ -33,6 +34,7 @@ __all__ = [
     "EffectCandidate",
     "EffectProof",
     "FittedEffect",
+    "FreeCurve",
     "HeldOutProof",
     "HypothesisFit",
     "HypothesisSearch",

@@ -231,6 +231,12 @@ class FreeCurve(Effect):
     source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
     excited_by = "the state"
     separating_motion = "vary this state alone, the others held still"
+    state: str
+
+    @property
+    def of_time(self) -> bool:
+        """Whether the state is the time, which does not return."""
+        return self.state.startswith("time")
 
 
 class Dependence(FreeCurve):

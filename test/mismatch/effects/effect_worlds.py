@@ -87,6 +87,7 @@ TYPICAL = {
         **{"force_x": 0.5, "force_y": -0.4, "force_z": 0.3, "torque_y": 0.03, "torque_z": -0.04},
     },
     "sensor_gain": {"gain_fx_fx": 0.06, "gain_fz_fz": -0.05, "gain_fx_fy": 0.04, "gain_tx_fy": 0.004},
+    "gain_drift": {"zero": 0.5, "time_constant": 8.0, "gain": 0.04},
     "sensor_rotation": {"rotation_x": 0.02, "rotation_y": -0.018, "rotation_z": 0.012},
     "low_pass": {"time_constant": 0.08},
     "clock_offset": {"offset": 0.025},

@@ -117,6 +117,7 @@ RECOVERED = {
     "sensor_bias": (),  # beside a constant in every channel nothing is left of it
     "bias_drift": ("force_x", "force_y", "torque_z"),
     "sensor_gain": ("gain_fx_fx", "gain_fz_fz"),
+    "gain_drift": ("gain",),
     "sensor_rotation": ("rotation_x", "rotation_y", "rotation_z"),
     "low_pass": ("time_constant",),
     "clock_offset": ("offset",),

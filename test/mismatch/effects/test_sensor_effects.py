@@ -39,6 +39,28 @@ def test_a_bias_is_the_same_at_all_times_and_a_drift_is_told_by_its_whole_change
     np.testing.assert_allclose(warming, 0.6 * (1 - np.exp(-passed / 3)) / (1 - np.exp(-passed[-1] / 3)), atol=1e-12)
 
 
+def test_a_gain_that_warms_up_scales_the_whole_load():
+    at = recorded()
+    grown = response("gain_drift", at, gain=0.04, zero=0.0, time_constant=3.0)
+    course = response("bias_drift", at, force_x=1.0, zero=0.0, time_constant=3.0)[:, :1]
+    np.testing.assert_allclose(grown, 0.04 * course * at.prediction, atol=1e-12)
+
+
+def test_a_gain_that_drifts_needs_a_load_that_changes():
+    """Where a load hangs still, a zero that drifts along it has the same response, and is as likely."""
+    at = recorded()
+    still = at.with_prediction(np.broadcast_to(at.prediction[0], at.prediction.shape))
+    gain, drift = effect_named("gain_drift"), effect_named("bias_drift")
+    values = filled(gain, at, {"gain": 0.04})
+    assert gain.implausible(at, values) == ""
+    assert "hardly changes" in gain.implausible(still, values)
+    axes = [p.name for p in drift.parameters(at) if p.linear]
+    along = filled(drift, at, dict(zip(axes, 0.04 * at.prediction[0], strict=True)))
+    assert drift.twins(still, along) == ("gain_drift",)
+    assert drift.twins(at, along) == ()
+    assert drift.twins(still, {**along, "force_x": along["force_x"] + 1.0}) == ()
+
+
 def test_gain_is_a_matrix():
     at, matrix = recorded(), 0.05 * np.random.default_rng(0).normal(size=(6, 6))
     effect = effect_named("sensor_gain")
