@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.inertia.model import regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_wrench import PAYLOAD_REACH
 from poise.mismatch.effects.payload_parameters import FARTHEST_CENTRE
 from poise.mismatch.effects.starts import steps
 from poise.mismatch.recorded import RecordedMotion
@@ -108,6 +109,13 @@ class MassStep(Effect):
         change = "heavier" if values["mass"] > 0 else "lighter"
         ((start, end),) = self.windows(recorded, values)
         again = "" if self.inert(values) else f", and at {end:.2f} s as it was before"
+        moment = float(np.linalg.norm([values[name] for name in _ROWS[1:]]))
+        if recorded.phi[0] > 0.0 and moment > PAYLOAD_REACH * abs(values["mass"]):
+            moved = 1e3 * moment / float(recorded.phi[0])
+            return (
+                f"At {start:.2f} s a part of the payload moved: its centre of mass by {moved:.0f} mm, while its mass "
+                f"stayed ({1e3 * values['mass']:+.0f} g){again}; the nominal model's payload does not change."
+            )
         return (
             f"At {start:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}{again}: "
             "the nominal model's payload does not change."

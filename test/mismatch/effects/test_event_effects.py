@@ -53,6 +53,16 @@ def test_a_dropped_part_is_another_payload_from_then_on():
     assert not found[~after].any()
 
 
+def test_a_part_that_moves_is_no_change_of_mass():
+    """A loose part that changed its stop once was "8 g heavier", 0.76 m from the sensor."""
+    at, step = recorded(), effect_named("mass_step")
+    shift = {"time": 9.0, "returns": 0.0, "length": 1.0, "mass": 0.008, "moment_y": 0.004, "moment_z": 0.004}
+    said = [step.sentence(at, filled(step, at, shift | {"mass": mass})) for mass in (0.008, 0.3)]
+    moved_by = 1e3 * np.hypot(0.004, 0.004) / at.phi[0]
+    assert f"its centre of mass by {moved_by:.0f} mm" in said[0]
+    assert "became 300 g heavier" in said[1]
+
+
 def test_a_leak_is_at_each_moment_the_payload_that_is_left():
     at = moved()
     values = {"start": 5.0, "length": 9.0, "rate": 0.01, "x": 0.03, "y": -0.02, "z": 0.12}
