@@ -33,7 +33,7 @@ _LEAK, _SHEETS = 0.6, 0.035
 an opening, such as that of a cup. Through a hole it leaves sheets, whose two sides are the same points: in scans of a
 hammer the points on sheets are 0.06 to 0.12 of all, in cups at most 0.02."""
 _LEAK_BALLS = (2.8, 3.2, 4.0)
-_DOUBT, _CUP_DOUBT, _POCKET_DOUBT = 0.4, 0.2, 0.5
+_DOUBT, _CUP_DOUBT, _POCKET_DOUBT = 0.75, 0.2, 0.9
 """Shares of the volume behind an opening, behind that of a cup, and in pockets, that are counted as one sigma."""
 _WALLS, _BEHIND = 0.3, 0.5
 """Share of the points that lie so many spacings inside of what the largest ball leaves, from which on they are walls of
