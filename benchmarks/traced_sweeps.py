@@ -76,6 +76,10 @@ OBJECTS: dict[str, Distance] = {
     "plate": lambda at: np.maximum(
         box(at, (0, 0, 0.006), (0.07, 0.05, 0.006), 0.002), -cylinder(at, (0.03, 0, 0.006), 0.015, 0.05)
     ),
+    "rod": lambda at: _least(
+        box(at, (0, 0, 0.02), (0.078, 0.008, 0.008), 0.008),
+        *(_length(at - np.array([x, 0, 0.02])) - 0.02 for x in (-0.075, 0.075)),
+    ),
     "bottle": lambda at: _least(cylinder(at, (0, 0, 0.05), 0.03, 0.05), cylinder(at, (0, 0, 0.12), 0.012, 0.03)),
 }
 
