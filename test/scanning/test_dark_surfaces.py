@@ -4,19 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import BRICK, brick_views
+from scenes import BRICK, EXACT, box, brick_views, views_of
 
-from poise.scanning import View, scan
+from poise.fake_robots.rasteriser import Scene
+from poise.scanning import ScanOptions, View, scan
 from poise.scanning.fusion import raised_pixels, single_pixels
+from poise.scanning.table_top import look_at
+from poise.types import Array
 
 VOLUME = float(np.prod(BRICK))
 
 
 def darkened(view: View, lost: float, rng: np.random.Generator) -> View:
     """The view, where the half of the brick at negative x gives depth in some pixels only."""
-    depth = view.frame.depth
-    points = np.moveaxis(view.frame.camera.rays * depth, 0, -1)
-    places = np.dstack([points, depth]) @ view.rotation_world_camera.T + view.translation_world_camera
+    depth, places = view.frame.depth, places_of_pixels(view)
     dark = (places[..., 0] < 0.0) & (places[..., 2] > 3e-3)
     kept = ~dark | (rng.random(depth.shape) > lost)
     return replace(view, frame=replace(view.frame, depth=np.where(kept, depth, np.float32(0))))
@@ -35,6 +36,28 @@ def test_half_of_a_brick_that_is_dark_is_scanned(lost: float) -> None:
 
 def test_a_bright_brick_has_no_such_note() -> None:
     assert not any("dark or shiny" in note for note in scan(brick_views()).notes)
+
+
+def places_of_pixels(view: View) -> Array:
+    depth = view.frame.depth
+    points = np.moveaxis(view.frame.camera.rays * depth, 0, -1)
+    return np.asarray(np.dstack([points, depth]) @ view.rotation_world_camera.T + view.translation_world_camera)
+
+
+def test_pieces_between_which_nothing_is_seen_may_be_one_object() -> None:
+    """A band around the brick gives no depth at all; two bricks with the table between them have no such note."""
+    views = []
+    for view in brick_views():
+        places = places_of_pixels(view)
+        band = (np.abs(places[..., 0]) < 0.012) & (np.abs(places[..., 1]) < 0.04)
+        views.append(replace(view, frame=replace(view.frame, depth=np.where(band, np.float32(0), view.frame.depth))))
+    *_, count, notes = look_at(views, ScanOptions())
+    assert count == 2
+    assert any("if they are one object" in note for note in notes)
+    apart = Scene(tuple(box((0.05, 0.06, 0.05), (x, 0.0, 0.025), (0.8, 0.2, 0.1)) for x in (-0.037, 0.037)))
+    *_, count, notes = look_at(views_of(apart, noise=EXACT), ScanOptions())
+    assert count == 2
+    assert not any("if they are one object" in note for note in notes)
 
 
 def test_single_pixels_are_beside_unknown_ones_and_beside_no_edge() -> None:
