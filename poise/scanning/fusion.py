@@ -41,6 +41,9 @@ _THROUGH = 0.5
 AGREED = 0.7
 """Share of the object's pixels that views have to agree on: 0.99 did with right poses, 0.75 with some 5 mm off."""
 _MOST_STEP = 0.003
+_ASKED, _LONELY, _SPARSE = 8, 2.5, 0.01
+"""Views that are asked for pixels without neighbours; voxels that these are from all others, and their share of the
+voxels, from which on there is surface of sparse depth: at most 0.009 at edges and holes of benchmarks/'s cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,7 @@ class Surface:
         normals: (N, 3) out of the object.
         weights: (N,) pixels that each point was made of.
         agreed: share of what two views or more show of the object, that they agree on.
+        sparse: whether some of it gives depth in single pixels only.
     """
 
     points: Array
@@ -60,10 +64,12 @@ class Surface:
     normals: Array
     weights: Array
     agreed: float = 1.0
+    sparse: bool = False
 
     def select(self, kept: NDArray[np.generic]) -> "Surface":
         colours = None if self.colours is None else self.colours[kept]
-        return Surface(self.points[kept], colours, self.normals[kept], self.weights[kept], self.agreed)
+        some = {"points": self.points[kept], "normals": self.normals[kept], "weights": self.weights[kept]}
+        return replace(self, colours=colours, **some)
 
 
 def coarse_points(views: Sequence[View], farthest: float) -> Array:
@@ -120,15 +126,42 @@ def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surfac
     """What the views show of the object, averaged in voxels; normals are not known yet."""
     parts = each(views, lambda view: object_pixels(view, footprint, voxel))
     points = np.concatenate([part[0] for part in parts])
+    if sparse := _sparse(points, views, footprint, voxel):
+        parts = [*parts, *sparse]
+        points = np.concatenate([part[0] for part in parts])
     if not len(points):
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE, "scan: no view shows the object's surface with depth; bring the camera nearer"
         )
     if all(colours is None for _, colours in parts):
         weights, mean = voxel_means(voxel, points)
-        return Surface(mean, None, np.zeros_like(mean), weights)
+        return Surface(mean, None, np.zeros_like(mean), weights, sparse=bool(sparse))
     weights, mean, shades = voxel_means(voxel, points, np.concatenate([_shades(*part) for part in parts]))
-    return Surface(mean, _coloured(mean, shades), np.zeros_like(mean), weights)
+    return Surface(mean, _coloured(mean, shades), np.zeros_like(mean), weights, sparse=bool(sparse))
+
+
+def _sparse(
+    points: Single, views: Sequence[View], footprint: Footprint, voxel: float
+) -> list[tuple[Single, NDArray[np.uint8] | None]]:
+    """Pixels and colours of surface that gives depth in single pixels only, as what is dark or shiny; none without.
+
+    Such pixels are like those at edges, so they count only where all others (N, 3) are far, and are many.
+    """
+    if not len(points):
+        return []
+    tree = cKDTree(voxel_means(voxel, points)[1])
+
+    def lonely(view: View) -> tuple[Single, NDArray[np.uint8] | None]:
+        own, colours = object_pixels(view, footprint, voxel, sparse=True)
+        if not len(own):
+            return own, colours
+        far = ~np.isfinite(tree.query(own, distance_upper_bound=_LONELY * voxel)[0])
+        return own[far], None if colours is None else colours[far]
+
+    some = np.concatenate([lonely(view)[0] for view in views[:: max(len(views) // _ASKED, 1)]])
+    if not len(some) or len(voxel_means(voxel, some)[0]) < _SPARSE * tree.n:
+        return []
+    return each(views, lonely)
 
 
 def _shades(points: Single, colours: NDArray[np.uint8] | None) -> Single:
@@ -165,18 +198,20 @@ def voxel_means(voxel: float, points: Single, *others: NDArray[np.generic]) -> l
     return [count, means[0] + low, *means[1:]]
 
 
-def object_pixels(view: View, footprint: Footprint, voxel: float) -> tuple[Single, NDArray[np.uint8] | None]:
-    """(N, 3) m of the pixels that show the object and no edge, and their colours."""
+def object_pixels(
+    view: View, footprint: Footprint, voxel: float, sparse: bool = False
+) -> tuple[Single, NDArray[np.uint8] | None]:
+    """(N, 3) m of the pixels that show the object and no edge, and their colours; or of those without neighbours."""
     camera, colours, plane = view.frame.camera, view.frame.colours, footprint.plane
     left, right, top, bottom, distance = _window(view, footprint)
     if right - left < 3 or bottom - top < 3:
         return np.zeros((0, 3), np.float32), None if colours is None else np.zeros((0, 3), np.uint8)
-    step = max(int(voxel * camera.fx / distance), 1)
+    step = 1 if sparse else max(int(voxel * camera.fx / distance), 1)
     # Most pixels show the table: heights over it first, places only for the rest.
     down = np.append(view.rotation_world_camera.T @ plane.normal, plane.normal @ view.translation_world_camera)
     down[3] -= plane.offset
     part, heights = (left, right, top, bottom), np.array([footprint.floor, footprint.top + 2 * BAND])
-    find = pixels_between if COMPILED else raised_pixels
+    find = single_pixels if sparse else pixels_between if COMPILED else raised_pixels
     row, column = np.divmod(find(view.frame.depth, camera.rays, part, step, down, heights, _JUMP), camera.width)
     points = _in_world(view, camera.rays[:, row, column], view.frame.depth[row, column])
     placed = plane.placed(points)
@@ -201,6 +236,26 @@ def raised_pixels(
         whole &= np.abs(neighbour - middle) < np.float32(jump)
     row, column = np.nonzero(whole)
     return np.asarray((top + 1 + step * row) * depth.shape[1] + left + 1 + step * column)
+
+
+def single_pixels(
+    depth: Single, rays: Single, part: tuple[int, int, int, int], _: int, plane: Array, heights: Array, jump: float
+) -> Indices:
+    """Those beside pixels without depth, and beside no edge; arguments as of `pixels_between`."""
+    left, right, top, bottom = part
+    cut = depth[top:bottom, left:right]
+    middle, alone = cut[1:-1, 1:-1], np.zeros((bottom - top - 2, right - left - 2), bool)
+    edge = middle <= 0
+    for across, along in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        neighbour = cut[along : bottom - top - 2 + along, across : right - left - 2 + across]
+        unknown = neighbour <= 0
+        alone |= unknown
+        edge |= ~unknown & (np.abs(neighbour - middle) >= np.float32(jump))
+    row, column = np.nonzero(alone & ~edge)
+    x, y = rays[:, top + 1 + row, left + 1 + column]
+    over = middle[row, column] * (plane[0] * x + plane[1] * y + plane[2]) + plane[3]
+    raised = (over > heights[0]) & (over < heights[1])
+    return np.asarray((top + 1 + row[raised]) * depth.shape[1] + left + 1 + column[raised])
 
 
 def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float]:

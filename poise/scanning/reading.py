@@ -73,12 +73,12 @@ def read_sweep(recording: Recording, options: SweepOptions, progress: Progress =
     images = _images(recording, topics.depth, chosen, progress)
     camera = camera_of(next(messages_of(recording, topics.info)))
     lens = camera_of(next(messages_of(recording, topics.colour_info))) if topics.colour_info else None
-    colours = _colours(recording, topics.colour, chosen)
+    colours, unread = _readable_colours(recording, topics.colour, chosen)
     fixed = fixed_transforms(recording)
     frames, notes = frames_of_images(
         images, camera, colours, lens, fixed, options.unit, lambda some: _placed(recording, some, options).views
     )
-    return _with(_placed(recording, frames, options), notes)
+    return _with(_placed(recording, frames, options), unread + notes)
 
 
 def _with(sweep: Sweep, notes: list[str]) -> Sweep:
@@ -139,6 +139,18 @@ def _cloud_frames(recording: Recording, topic: str, chosen: NDArray[np.int64], p
 def camera_of(message: Any) -> Camera:
     """From the fields of sensor_msgs/CameraInfo."""
     return Camera.from_info(message.width, message.height, message.k, str(message.distortion_model), message.d)
+
+
+def _readable_colours(
+    recording: Recording, topic: str, chosen: NDArray[np.int64]
+) -> tuple[dict[int, Image], list[str]]:
+    """The colours of some stamps of depth; none, with a note, where their encoding is not read: depth is enough."""
+    try:
+        return _colours(recording, topic, chosen), []
+    except InputError as error:
+        if error.code is not ErrorCode.UNSUPPORTED:
+            raise
+        return {}, [f"colours were left out: {error.message}; record them as rgb8 or bgr8, raw or compressed"]
 
 
 def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dict[int, Image]:

@@ -118,6 +118,11 @@ def scan(
     surface, notes = found.surface, said + found.notes + _uncertain(found.doubt)
     if surface.agreed < AGREED_WELL:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
+    if surface.sparse:
+        notes.append(
+            "a part of the surface is dark or shiny, and gives depth in single pixels only: it is less well known than"
+            " the rest, and may be larger; powder it, or cover it with tape"
+        )
     reach(0.8)
     hidden = complete(surface, found.views, found.footprint, options.cell) if options.complete else None
     if hidden is not None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import ndimage
 
 from poise.errors import ErrorCode, InputError
 from poise.scanning.frames import View
@@ -13,6 +14,8 @@ from poise.types import Array
 
 _LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
+_BESIDE, _GAP = 5, 4
+"""Cells around an object within which a gap of which nothing is known may belong to it, and the least of them."""
 _EVERY = 8
 """Rows of a depth image, one of which is asked whether it has depth."""
 
@@ -67,7 +70,26 @@ def look_at(
         f"{len(footprints)} objects stand on the table, at {places} m: the one at"
         f" ({', '.join(f'{value:.3f}' for value in middles[chosen])}) was taken, nearest to {why}; choose by a point"
     )
-    return plane, footprints[chosen], len(footprints), [note]
+    notes = [note, *_divided(footprints, middles, chosen)]
+    return plane, footprints[chosen], len(footprints), notes
+
+
+def _divided(footprints: Sequence[Footprint], middles: Array, chosen: int) -> list[str]:
+    """A sentence about others that may be the same object: between them is no table, but nothing that any view saw."""
+    here = footprints[chosen]
+    around = ndimage.binary_dilation(here.cells, iterations=_BESIDE) & ~here.known
+    parts = [
+        f"({', '.join(f'{value:.3f}' for value in middle)})"
+        for number, (other, middle) in enumerate(zip(footprints, middles, strict=True))
+        if number != chosen
+        and np.count_nonzero(around & ndimage.binary_dilation(other.cells, iterations=_BESIDE)) >= _GAP
+    ]
+    if not parts:
+        return []
+    return [
+        f"between it and what is at {'; '.join(parts)} m no view gives any depth: if they are one object, a glossy or"
+        " dark place divides it, and its volume is that of a piece alone; powder it, or cover it with tape"
+    ]
 
 
 def _regard(views: Sequence[View], plane: Plane) -> Array:

@@ -19,7 +19,7 @@ from poise.geometry import cross, lengths, row_order
 from poise.kernels import COMPILED, tetrahedra_of, ways_in
 from poise.shape.gaps import is_cavity
 from poise.shape.missing import bare_share
-from poise.shape.pockets import Entrances, pockets
+from poise.shape.pockets import Entrances, depths_below, pockets
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.shape.spacing import Spacing, spacing_of
 from poise.types import Array, Indices, Mask
@@ -33,8 +33,11 @@ _LEAK, _SHEETS = 0.6, 0.035
 an opening, such as that of a cup. Through a hole it leaves sheets, whose two sides are the same points: in scans of a
 hammer the points on sheets are 0.06 to 0.12 of all, in cups at most 0.02."""
 _LEAK_BALLS = (2.8, 3.2, 4.0)
-_DOUBT, _POCKET_DOUBT = 0.4, 0.5
-"""Shares of the volume behind an opening, and in pockets, that are counted as one sigma."""
+_DOUBT, _CUP_DOUBT, _POCKET_DOUBT = 0.75, 0.2, 0.9
+"""Shares of the volume behind an opening, behind that of a cup, and in pockets, that are counted as one sigma."""
+_WALLS, _BEHIND = 0.3, 0.5
+"""Share of the points that lie so many spacings inside of what the largest ball leaves, from which on they are walls of
+a cup: 0.3 to 0.5 of cups of few points, at most 0.28 of solid objects with a hole in the sampling."""
 _LARGEST_BALL = 4.0
 """Spacings, of a ball that needs no leave."""
 _FEWEST_POINTS = 20
@@ -96,9 +99,10 @@ class Stone:
         larger = [each for each in _LEAK_BALLS if small_ball < _LEAK * self._volume(each)]
         opening = bool(larger) and self._opens(normals)
         ball = _BALL if opening else max([_BALL, *larger])
+        cup = opening and self._has_walls_inside()
         inside = self._peeled(reach <= ball)
         if noise is not None:
-            inside = self._peeled(reach <= _LARGEST_BALL)
+            inside = self._peeled(reach <= (ball if cup else _LARGEST_BALL))
             ways = Entrances(self._points, self.spacing.usual, self._tetrahedra, self._neighbours, self._tree)
             inside = self._peeled(inside & ~pockets(ways, inside, ball, noise, normals))
         found = self._whole.only(inside)
@@ -106,7 +110,7 @@ class Stone:
             raise InputError(
                 ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object"
             )
-        behind = largest_ball - small_ball if opening else 0.0
+        behind = (_CUP_DOUBT if cup else _DOUBT) * (largest_ball - small_ball) if opening else 0.0
         spread = _doubt(self._volume, ball, found.volume, behind)
         return replace(found, volume_std=spread, between=(small_ball, largest_ball) if larger else None)
 
@@ -121,6 +125,12 @@ class Stone:
             return False
         behind = (reach > _BALL) & (reach <= _LEAK_BALLS[-1])
         return normals is None or is_cavity(self._whole.only(behind), normals)
+
+    def _has_walls_inside(self) -> bool:
+        """Whether many points lie inside of the closed solid, which only the walls of a cup explain."""
+        closed = self.closed()
+        depths = depths_below(self._points, closed.tetrahedra, closed.surface[0])
+        return bool(np.mean(depths > _BEHIND * self.spacing.usual) > _WALLS)
 
     def _peeled(self, inside: Mask) -> Mask:
         """(T,) what is inside without flat tetrahedra at its surface, which hide points of its plane."""
@@ -170,12 +180,12 @@ def _doubt(volume: Callable[[float], float], ball: float, kept: float, behind: f
         volume: m3 that a ball of some radius, in spacings, leaves.
         ball: the one that was taken.
         kept: m3 that remain without the pockets.
-        behind: m3 behind an opening.
+        behind: m3, one sigma of what is behind an opening.
     """
     low, middle, high = (volume(ball / _BALL * limit) for limit in (_SPREAD[0], _BALL, _SPREAD[1]))
     low = max(low, 2 * middle - high)  # a smaller ball that finds far less has found a hole in the sampling
     pockets = max(volume(ball) - kept, 0.0)
-    return float(np.linalg.norm([(high - low) / 2, _DOUBT * behind, _POCKET_DOUBT * pockets]))
+    return float(np.linalg.norm([(high - low) / 2, behind, _POCKET_DOUBT * pockets]))
 
 
 def _reach(points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indices) -> tuple[Array, Indices, Indices]:

@@ -59,12 +59,14 @@ class Matched:
         noise: m, one sigma of the points.
         statistical: m, one sigma of the mean place of the whole surface, from the number of points.
         misfit: m, by which the points spread about the surface, besides the noise.
+        inwards: whether they spread farther inwards than outwards.
     """
 
     solid: Solid
     noise: float
     statistical: float
     misfit: float
+    inwards: bool = False
 
 
 def matched(
@@ -104,7 +106,8 @@ def matched(
     move = _moved_compiled if COMPILED else _moved
     places, noise, seen, made = move(replace(solid, vertices=places), observed, drawn, plan, smoother)
     misfit = noise * _misfit(seen, made, noise / spacing)
-    return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)), misfit)
+    inwards = misfit > 0 and _skew_inwards(seen, made) > 1.0
+    return Matched(replace(solid, vertices=places), noise, noise / np.sqrt(len(points)), misfit, inwards)
 
 
 @dataclass(frozen=True)
@@ -174,9 +177,19 @@ def _misfit(seen: Array, made: Array, thickness: float) -> float:
 
 def _inwards(seen: Array, made: Array) -> float:
     """By how much more the observed distances have a tail inwards than the drawn ones, in skewness; 0 by chance."""
+    errors = _skew_inwards(seen, made)
+    return errors * _skew_by_chance(seen, made) if errors > _INWARDS else 0.0
+
+
+def _skew_inwards(seen: Array, made: Array) -> float:
+    """The same in standard errors; negative where the observed ones have more of a tail outwards."""
     one, other = (float(np.mean((of - of.mean()) ** 3) / of.std() ** 3) for of in (made, seen))
-    chance = np.sqrt(6 / len(seen) + 6 / len(made))
-    return one - other if one - other > _INWARDS * chance else 0.0
+    return (one - other) / _skew_by_chance(seen, made)
+
+
+def _skew_by_chance(seen: Array, made: Array) -> float:
+    """One standard error of the difference of skewness."""
+    return float(np.sqrt(6 / len(seen) + 6 / len(made)))
 
 
 class _Smoother:

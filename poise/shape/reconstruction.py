@@ -40,12 +40,14 @@ _AGREE = 0.9
 """Share of the points whose given normals point out of the solid, from which on they are used."""
 HIDDEN_OFF = 2e-3
 """m that surface is off which a scan completed: 1.0 to 2.7 on the tools of benchmarks/scanning.py."""
-_FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.21, 0.01, 1.3
+_FLOOR, _BY_NOISE, _BY_SPACING, _BY_BALL = 0.012, 0.25, 0.015, 0.7
 """Of `_spread`: fitted so that one in twenty development clouds of benchmarks/solids.py is more than 2 sigma off."""
-_BY_INSIDE, _INSIDE = 1.2, 0.03
+_BY_INSIDE, _INSIDE = 2.0, 0.03
 """Of `_spread`, too: what points inside add, and the share of them that solid objects may have."""
-_BY_MISFIT = 1.0
-"""Of it, too: share of what the points spread about the surface, besides the noise, by which all of it may be off."""
+_BY_MISFIT, _BY_INNER = 0.2, 0.8
+"""Of it, too: share of what the points spread about the surface, besides the noise, by which all of it may be off: a
+surface that is coarser than the object has points outside of it, and its volume is right; points inside are of inner
+faces or walls."""
 _BY_HIDDEN, _MOST_HIDDEN = 4.0, 0.5
 """Of `_widened`, chosen on the random things of benchmarks/sweep_objects.py: the factor of the share, and the most."""
 _LEAST_KEPT = 0.03
@@ -153,7 +155,7 @@ def _reconstructed(
         most = max(local_noise_limit(points, np.random.default_rng(0)), least)
         if found.noise > _OVER * most:
             other = matched(draft.carved, points, most, spacing, rng, known=True, rough=found.noise)
-            found = replace(found, noise=other.noise, misfit=other.misfit)
+            found = replace(found, noise=other.noise, misfit=other.misfit, inwards=other.inwards)
     inside = _inside(draft.carved, DEEP * spacing + BURIED * found.noise)
     if seen is None:
         missing = missing_of(draft.carved, found.solid, found.noise, points, draft.spacing, draft.taken)
@@ -161,7 +163,7 @@ def _reconstructed(
         missing = Missing(bare)
     hidden = 0.0 if seen is None else _hidden(found.solid, draft.rows, seen, doubt)
     hidden = _widened(hidden, max(found.solid.volume, _LEAST_KEPT * draft.carved.volume))
-    layers = _BY_MISFIT * found.misfit * float(found.solid.areas.sum())
+    layers = (_BY_INNER if found.inwards else _BY_MISFIT) * found.misfit * float(found.solid.areas.sum())
     unseen = missing.share * found.solid.volume
     poses = 0.0 if seen is None or doubt is None else _doubtful(found.solid, draft.rows, seen, doubt)
     spread = float(np.linalg.norm([_spread(found.solid, draft, found.noise, inside), hidden, layers, unseen, poses]))

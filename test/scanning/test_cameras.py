@@ -162,6 +162,17 @@ def test_each_kind_of_colour_is_read(tmp_path, colour):
         assert np.median(np.abs(view.frame.colours - wanted)) <= 2
 
 
+def test_colours_that_are_not_read_are_left_out_and_said(tmp_path):
+    """As of a webcam's driver: depth is enough for a solid."""
+
+    def yuv(view):
+        return IMAGE, image_bytes(view.frame.stamp, OPTICAL, view.frame.colours[..., :2], "yuv422_yuy2")
+
+    sweep = read_sweep(open_recording(record(tmp_path / "yuv.mcap", brick_views()[:3], colour=yuv)), SweepOptions())
+    assert all(view.frame.colours is None for view in sweep.views)
+    assert any("yuv422_yuy2" in note and "left out" in note for note in sweep.notes)
+
+
 @pytest.mark.parametrize("unit", [1e-4, 2e-4, 2.5e-4])
 def test_an_unstated_unit_is_guessed_and_said(tmp_path, unit):
     bag = record(tmp_path / "unit.mcap", brick_views(), in_steps(unit))
