@@ -253,6 +253,16 @@ def test_a_deadline_before_the_first_pose_is_said():
     assert error.value.code is ErrorCode.DEADLINE
 
 
+def test_a_deadline_that_ends_the_search_is_said():
+    item = replace(read_object(CUBE), shape=Sphere(0.03))  # which rolls everywhere
+    with pytest.raises(NoAnswerError, match=r"poses until the deadline \(.*or allow more time") as caught:
+        plan_placement(scene(*CANYON), item, Options(deadline=0.3, attempts=10**6))
+    assert caught.value.data["late"]
+    with pytest.raises(NoAnswerError, match="or allow more attempts") as caught:
+        plan_placement(scene(*CANYON), item, Options(attempts=5))
+    assert not caught.value.data["late"]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_mug_is_placed_upright_when_that_is_asked_for(seed):
     scene = scenes.scene("cube")
