@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.placement import scenes
-from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly import Analysis, Assembly, Push, Sphere, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.assembly.statics import NO_DEADLINE, Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError
