@@ -322,3 +322,20 @@ def test_contacts_of_before_are_given_up_when_they_no_longer_explain_it():
     assert _touch(settle(uncertain(_side_by_side(0.001)), far).assembly)  # it came back: nothing of before counts
     added = replace(touching, objects=(*touching.objects, scenes.box("new", (0.1, 0.1, 0.1), (1, 1, 0.051))))
     assert len(settle(uncertain(added), touching).assembly.objects) == 4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cartons_of_heights_that_differ_by_tenths_of_a_millimetre_settle(seed):
+    """Three layers of touching cartons, each turned against the one below; in truth some do not touch those below."""
+    rng, boxes, top = np.random.default_rng(seed), [], 0.0
+    for layer in range(3):
+        nx, ny = (3, 2) if layer % 2 else (2, 3)
+        for i in range(nx):
+            for j in range(ny):
+                height = 0.1 - float(rng.uniform(0, 5e-4))
+                middle = ((i + 0.5) * 0.6 / nx, (j + 0.5) * 0.6 / ny, top + height / 2)
+                boxes.append(scenes.box(f"b{len(boxes)}", (0.6 / nx, 0.6 / ny, height), middle))
+        top += 0.1
+    found = settle(seen(scenes.on_floor(*boxes), rng))
+    assert found.worst.sigmas < found.accepted
+    assert Analysis.of(found.assembly).stability().stable
