@@ -222,7 +222,7 @@ class _Problem:
         closes = np.all(np.abs(fixed.linearised(poses)[0]) <= _CLOSES)
         parted = none
         for round_ in range(_ROUNDS):
-            more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching)
+            more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching, self.up)
             if round_ and np.all(more.linearised(poses)[0] > -_OVERLAPPING):
                 break
             parted = DistanceRows.joined([parted, more])
@@ -281,7 +281,7 @@ class _Problem:
     def refusal(self, move: Move) -> InputError:
         """The error for an object that would have to move too far."""
         contacts = self.candidates.of(*self.choice.contacts)
-        parted = keep_apart(self.assembly.objects, self.bodies.poses, self.bodies.slot >= 0, _APART, set())
+        parted = keep_apart(self.assembly.objects, self.bodies.poses, self.bodies.slot >= 0, _APART, set(), self.up)
         rows = DistanceRows.joined([contacts, parted])
         lacking = -rows.linearised(self.bodies.poses)[0]
         lacking[len(contacts) :] = np.maximum(lacking[len(contacts) :], 0.0)
