@@ -11,7 +11,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
 from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, Sphere, load_scene
-from poise.assembly.robustness import Robustness, balance_findings, rolling_findings
+from poise.assembly.robustness import Robustness, balance_findings, gap_findings, rolling_findings
 from poise.assembly.scene import ROLLING, check_density, read_object, scene_findings
 from poise.assembly.statics import NO_DEADLINE, Deadline
 from poise.errors import ErrorCode, InputError
@@ -156,7 +156,7 @@ def assumptions_of(assembly: Assembly) -> list[str]:
 
 def notes_of(analysis: Analysis, deadline: Deadline = NO_DEADLINE) -> list[str]:
     """What an assembly does not give, and what in it was found to roll before the deadline, one sentence each."""
-    found = (*rolling_findings(analysis, deadline), *balance_findings(analysis))
+    found = (*rolling_findings(analysis, deadline), *balance_findings(analysis), *gap_findings(analysis))
     return assumptions_of(analysis.assembly) + [finding.sentence for finding in found]
 
 

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.assembly import Analysis, acceleration_limits, assess_settled, plan_disassembly, robustness_map
+from poise.assembly.contact import CONTACT_MARGIN
 from poise.assembly.robustness import (
     ROBUSTNESS_MODELS,
     SAMPLES,
@@ -37,7 +38,15 @@ from poise.commands.output import (
     write_json,
 )
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import SceneArgument, findings_json, open_scene, open_settled, prepared, refuse_falling
+from poise.commands.scenes import (
+    SceneArgument,
+    TouchingOption,
+    findings_json,
+    open_scene,
+    open_settled,
+    prepared,
+    refuse_falling,
+)
 from poise.commands.settling import (
     PoseStdOption,
     SamplesOption,
@@ -85,6 +94,7 @@ def robustness(
     deadline: DeadlineOption = None,
     pose_std: PoseStdOption = None,
     samples: SamplesOption = SAMPLES,
+    touching: TouchingOption = CONTACT_MARGIN,
     json_target: JsonOption = None,
     picture: ScenePictureOption = None,
     rerun: RerunOption = None,
@@ -101,7 +111,7 @@ def robustness(
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
     settled = open_settled(scene, pose_std)
-    analysis = prepared(settled, deadline)
+    analysis = prepared(settled, deadline, touching)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
         _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
@@ -133,6 +143,7 @@ def msa(
     turning: Annotated[bool, typer.Option(help="Limits of turning, too, which take a part of the time.")] = True,
     deadline: DeadlineOption = None,
     pose_std: PoseStdOption = None,
+    touching: TouchingOption = CONTACT_MARGIN,
     json_target: JsonOption = None,
     picture: ScenePictureOption = None,
     rerun: RerunOption = None,
@@ -146,7 +157,7 @@ def msa(
     """
     refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
-    analysis, others = loaded(open_scene(scene, pose_std, deadline), load, model, load_pose)
+    analysis, others = loaded(open_scene(scene, pose_std, deadline, touching), load, model, load_pose)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline, turning)
     cautious, cautious_doubtful = least_limits(found, others, deadline)
@@ -207,6 +218,7 @@ def disassemble(
     ] = None,
     deadline: DeadlineOption = None,
     pose_std: PoseStdOption = None,
+    touching: TouchingOption = CONTACT_MARGIN,
     json_target: JsonOption = None,
 ) -> None:
     """Find an order in which a scene can be taken apart without moving other objects.
@@ -214,7 +226,7 @@ def disassemble(
     Example:  poise disassemble scene.yaml
     """
     refuse_folder(json_target, "--json")
-    analysis = open_scene(scene, pose_std, deadline)
+    analysis = open_scene(scene, pose_std, deadline, touching)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
     content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}

@@ -53,7 +53,7 @@ def loaded(
     assembly = analysis.assembly
     item = assembly.objects[assembly.place_of(load)]
     made = loads_about(item, load_model(model), _pose(pose))
-    first, *others = [Analysis.of(assembly.with_object(each)) for each in made]
+    first, *others = [analysis.with_object(each) for each in made]
     return first, others
 
 

@@ -9,7 +9,15 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import Analysis, Assembly, Settled, settle
-from poise.assembly.robustness import EXPLAINED, Assessment, balance_findings, likely_cause, rolling_findings
+from poise.assembly.contact import CONTACT_MARGIN
+from poise.assembly.robustness import (
+    EXPLAINED,
+    Assessment,
+    balance_findings,
+    gap_findings,
+    likely_cause,
+    rolling_findings,
+)
 from poise.assembly.scene import scene_findings, with_pose_covariance
 from poise.assembly.statics import Deadline, unstable
 from poise.commands.output import finding_json, warn
@@ -26,26 +34,35 @@ SceneArgument = Annotated[
     ),
 ]
 
+TouchingOption = Annotated[
+    float,
+    typer.Option(
+        "--touching", help="Gaps and overlaps up to this count as touching, m.", min=1e-6, max=0.01, show_default=True
+    ),
+]
 
-def open_scene(path: Path, pose_std: str | None = None, deadline: float | None = None) -> Analysis:
+
+def open_scene(
+    path: Path, pose_std: str | None = None, deadline: float | None = None, touching: float = CONTACT_MARGIN
+) -> Analysis:
     """The analysis of the scene in a file, settled if its poses are uncertain; `deadline`: s to find its contacts.
 
     Raises:
         InputError: as `open_settled`.
         NoAnswerError: DEADLINE.
     """
-    return prepared(open_settled(path, pose_std), deadline)
+    return prepared(open_settled(path, pose_std), deadline, touching)
 
 
-def prepared(settled: Settled, deadline: float | None = None) -> Analysis:
-    """The analysis of a settled scene; `deadline`: s to find its contacts.
+def prepared(settled: Settled, deadline: float | None = None, touching: float = CONTACT_MARGIN) -> Analysis:
+    """The analysis of a settled scene; `deadline`: s to find its contacts, gaps up to `touching`, m, included.
 
     Raises:
         InputError: INTERPENETRATION, FLOATING.
         NoAnswerError: DEADLINE.
     """
     with _explaining(settled.seen):
-        return Analysis.of(settled.assembly, deadline=Deadline.after(deadline))
+        return Analysis.of(settled.assembly, touching, Deadline.after(deadline))
 
 
 def refuse_falling(settled: Settled, found: Assessment) -> None:
@@ -90,14 +107,14 @@ def scene_findings_json(assembly: Assembly) -> list[dict[str, Any]]:
 
 
 def findings_json(analysis: Analysis) -> list[dict[str, Any]]:
-    """What is probably wrong in a scene, and what in it can roll or only balances, as findings; warns of the last two.
+    """What is probably wrong in a scene, and what rolls, balances or touches across gaps in it; warns of these.
 
     Args:
         analysis: whose stability is known.
     """
-    rolls, balances = rolling_findings(analysis), balance_findings(analysis)
-    for each in (*rolls, *balances):
+    rolls, others = rolling_findings(analysis), (*balance_findings(analysis), *gap_findings(analysis))
+    for each in (*rolls, *others):
         warn(each.sentence)
     found = [finding_json(ErrorCode.CAN_ROLL, each.sentence, each.evidence) for each in rolls]
-    found += [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in balances]
+    found += [finding_json(ErrorCode.IMPLAUSIBLE, each.sentence, each.evidence) for each in others]
     return scene_findings_json(analysis.assembly) + found

@@ -191,7 +191,7 @@ def plan_placement(
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
     if not found:
-        raise no_placement(item, validator.rejected, search.iteration)
+        raise no_placement(item, validator.rejected, search.iteration, search.late)
     best, there = search.best_of(found)
     if options.refining:
         refined = refine(validator, best, there, options.criterion, lambda: search.late)

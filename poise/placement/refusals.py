@@ -27,8 +27,10 @@ _NAMED = {
 }
 
 
-def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> NoAnswerError:
+def no_placement(item: RigidObject, rejected: Counter[str], iterations: int, late: bool = False) -> NoAnswerError:
     """NO_PLACEMENT with how many poses each test rejected; DEADLINE when there was no time for a single pose.
+
+    `late`: time was over before all attempts were made.
 
     The `cause` is that of `cause_of`.
     """
@@ -38,11 +40,13 @@ def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> 
         )
     counts = dict(rejected.most_common())
     why = ", ".join(f"{count} {name}" for name, count in counts.items())
+    until, more = (" until the deadline", "time") if late else ("", "attempts")
     return NoAnswerError(
         ErrorCode.NO_PLACEMENT,
-        f"no place found for {item.id} in {iterations} poses ({why}); make room, or allow more attempts",
+        f"no place found for {item.id} in {iterations} poses{until} ({why}); make room, or allow more {more}",
         rejected=counts,
         iterations=iterations,
+        late=late,
         cause=cause_of(counts),
     )
 

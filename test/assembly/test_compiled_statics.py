@@ -15,7 +15,7 @@ from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_factor import UNLIMITED
 from poise.assembly.statics.load_path import _BEYOND
-from poise.assembly.statics.newton_goal import Goal
+from poise.assembly.statics.newton_goal import Goal, newton_steps
 from poise.errors import InputError
 from poise.kernels import COMPILED, CompiledBodies, CompiledElastic
 from poise.types import Array
@@ -255,7 +255,7 @@ def test_few_steps_to_a_point_of_the_path_are_not_damped(block) -> None:
         for steps in (12, 13):
             found = compiled.contacts.compiled.reach(gravity, load, start, size, steps, NO_DEADLINE)
             goal = Goal(gravity, push=load)
-            u, left, taken = python._steps(goal, start, size, steps, NO_DEADLINE)
+            u, left, taken = newton_steps(python.contacts, goal, start, size, steps, NO_DEADLINE)
             assert found[4] == taken
             if left > size:
                 assert found[2] == pytest.approx(left, rel=1e-3)

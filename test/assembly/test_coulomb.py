@@ -10,6 +10,7 @@ from test_equilibrium import slope
 
 from poise.assembly import Analysis, Push, assess
 from poise.assembly.statics import Deadline
+from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.elastic_state import ElasticState
 
 
@@ -119,3 +120,22 @@ def test_rounds_of_friction_bounds_end_with_the_deadline(monkeypatch):
     assert not found.stands
     assert late
     assert not any(late)
+
+
+def test_a_box_that_leans_on_the_edge_of_another_creeps_to_where_it_stands(monkeypatch):
+    """Two boxes as they came to rest in MuJoCo. Newton steps from afar are stuck there with any friction."""
+    turns = [(-0.789049, 0.482172, -0.198502, 0.324822), (-0.8940949, -0.4478776, -3e-06, 2e-06)]
+    places = [(0.123645, 0.069947, 0.046668), (0.0653988, 0.0049827, 0.029757)]
+    sizes = [(0.0782833, 0.0499995, 0.0818706), (0.0557448, 0.0560818, 0.0595185)]
+    boxes = [
+        box(f"box{i}", size, place, mass=mass, quaternion=turn)
+        for i, (size, place, turn, mass) in enumerate(zip(sizes, places, turns, (0.808, 1.745), strict=True))
+    ]
+    found = Analysis.of(on_floor(*boxes)).stability()
+    assert found.stable
+    assert found.margin > 0.01
+    monkeypatch.setattr(CoulombBlock, "_crept", lambda *_: None)
+    stuck = Analysis.of(on_floor(*boxes)).stability()
+    assert stuck.doubtful
+    assert not stuck.stable
+    assert not stuck.falling

@@ -1,5 +1,7 @@
 """Rims of cylinders that lean on round sides, on rims and on edges: contacts beside coal, and a can that leans."""
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pytest
@@ -89,3 +91,49 @@ def test_a_can_leans_with_its_rim_on_a_rail_from_the_least_friction_on() -> None
     assert 0.1 < least < 0.6
     assert not Analysis.of(leaning_can(0.98 * least)).stability().stable
     assert Analysis.of(leaning_can(1.02 * least)).stability().stable
+
+
+def lying(name: str, radius: float, place: tuple[float, float, float], degrees: float, **more: object) -> RigidObject:
+    """A cylinder of 0.3 m along y, turned about z."""
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(degrees))
+    turn = turn @ rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 2)
+    return RigidObject(name, Cylinder(radius, 0.3), Pose(turn, np.array(place)), mass=1.0, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("degrees", [0.03, 0.08, 0.3, 0.9])
+def test_sides_that_are_nearly_parallel_touch_where_they_come_nearest(degrees: float) -> None:
+    """Their axes would cross beyond the end of one: they touch at that end, as far as pressing closes the gap."""
+    half, turn = 0.15, np.radians(degrees)
+    first = lying("first", 0.04, (0.0, 0.0, 0.0), 0.0)
+    # The second comes nearer towards +y; its axis passes the end of the first at the sum of radii.
+    second = lying("second", 0.05, (0.09 + half * np.sin(turn), 0.0, 0.0), degrees)
+    found = find_interfaces(Assembly((first, second, _floor()), GRAVITY, 0.5), margin=3e-4)
+    (touch,) = [each for each in found if {each.first, each.second} == {0, 1}]
+    far, _one, _ = apart(first, second)
+    assert touch.gap == pytest.approx(far, abs=2e-5)
+    ends = touch.points[:, 1]
+    assert ends.max() == pytest.approx(half, abs=1e-4)
+    assert np.ptp(ends) == pytest.approx(min(1e-5 / np.sin(turn), 2 * half), rel=0.1)
+
+
+def _floor() -> RigidObject:
+    return RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -1.0])), fixed=True)
+
+
+@pytest.mark.parametrize("overlap", [2e-6, 2e-5, 2e-4])
+def test_a_rim_that_presses_into_a_side_touches_at_its_deepest_point(overlap: float) -> None:
+    """Where the surfaces cut each other is beside that, as far as the square root of the overlap."""
+    free, pressed = (
+        max(find_interfaces(_on_rail(depth)), key=lambda each: abs(each.normal[0])) for depth in (-1e-6, overlap)
+    )
+    assert np.degrees(np.arccos(min(1.0, abs(free.normal @ pressed.normal)))) < 0.1
+    assert np.linalg.norm(free.points.mean(axis=0) - pressed.points.mean(axis=0)) < 1e-4 + 2 * overlap
+    assert pressed.gap == pytest.approx(-overlap, rel=0.05)
+
+
+def _on_rail(overlap: float) -> Assembly:
+    """The leaning can, pressed into the rail."""
+    found = leaning_can(0.5)
+    floor, rail, can = found.objects
+    rail = replace(rail, pose=Pose(rail.pose.rotation, rail.pose.translation - [overlap, 0, 0]))
+    return replace(found, objects=(floor, rail, can))

@@ -137,3 +137,34 @@ def test_an_egg_rolls_and_is_not_held_by_its_facets(axes):
     (rolls_there,) = rolling(Analysis.of(assembly))
     if axes == (2.0, 1.5, 0.5):  # both radii under it are larger than its height: a pebble rocks
         assert rolls_there.equilibrium == "stable"
+
+
+def _around(share):
+    """Outwards of a prism of 32 sides, turned from a facet by a share of the angle to the next one."""
+    angle = (share + 0.5) * 2 * np.pi / 32
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+ROUND = {
+    "prism": trimesh.creation.cylinder(radius=R, height=0.2, sections=32),
+    "capsule": trimesh.creation.capsule(0.2, R, [32, 32]),
+    "cone": trimesh.creation.cone(radius=R, height=0.15, sections=32),
+    "ball": trimesh.creation.icosphere(2, R),
+}
+ON_EDGES = {
+    **{f"{name} {share}": (name, _around(share)) for name in ("prism", "capsule") for share in (0.3, 0.5, 0.8)},
+    "cone": ("cone", np.array([np.cos(np.arctan(R / 0.15)), 0.0, np.sin(np.arctan(R / 0.15))])),
+    "ball, on an edge": ("ball", ROUND["ball"].vertices[ROUND["ball"].edges_unique[40]].sum(axis=0)),
+    "ball, on a vertex": ("ball", ROUND["ball"].vertices[40]),
+}
+
+
+@pytest.mark.parametrize("case", ON_EDGES)
+def test_a_round_side_that_lies_on_an_edge_between_its_facets_rolls_there(case):
+    """A flat side would tip from there."""
+    name, down = ON_EDGES[case]
+    assembly = rolls.mesh_on_floor(ROUND[name], down / np.linalg.norm(down))
+    analysis = Analysis.of(assembly)
+    assert analysis.stability().stable
+    assert [each.objects for each in rolling(analysis)] == [("body",)]
+    assert acceleration_limits(assembly, 72, turning=False).limits.min() == pytest.approx(ROLLING * G, rel=0.2)

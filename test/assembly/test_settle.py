@@ -5,10 +5,23 @@ from dataclasses import replace
 import assembly_scenes as scenes
 import numpy as np
 import pytest
+import shapely
+import trimesh
 from scipy.special import ndtr
 
 from benchmarks.perceived import KINDS, PerceivedTally, clean_scenes, compare
-from poise.assembly import Analysis, Assembly, Box, FrictionPair, Mesh, Push, assess, assess_settled, settle
+from poise.assembly import (
+    Analysis,
+    Assembly,
+    Box,
+    FrictionPair,
+    Mesh,
+    Push,
+    RigidObject,
+    assess,
+    assess_settled,
+    settle,
+)
 from poise.assembly.contact import CONTACT_MARGIN, Structure
 from poise.assembly.scene import pose_covariance_of, read_scene, scene_content, with_pose_covariance
 from poise.assembly.settling import contact_choice
@@ -322,3 +335,41 @@ def test_contacts_of_before_are_given_up_when_they_no_longer_explain_it():
     assert _touch(settle(uncertain(_side_by_side(0.001)), far).assembly)  # it came back: nothing of before counts
     added = replace(touching, objects=(*touching.objects, scenes.box("new", (0.1, 0.1, 0.1), (1, 1, 0.051))))
     assert len(settle(uncertain(added), touching).assembly.objects) == 4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cartons_of_heights_that_differ_by_tenths_of_a_millimetre_settle(seed):
+    """Three layers of touching cartons, each turned against the one below; in truth some do not touch those below."""
+    rng, boxes, top = np.random.default_rng(seed), [], 0.0
+    for layer in range(3):
+        nx, ny = (3, 2) if layer % 2 else (2, 3)
+        for i in range(nx):
+            for j in range(ny):
+                height = 0.1 - float(rng.uniform(0, 5e-4))
+                middle = ((i + 0.5) * 0.6 / nx, (j + 0.5) * 0.6 / ny, top + height / 2)
+                boxes.append(scenes.box(f"b{len(boxes)}", (0.6 / nx, 0.6 / ny, height), middle))
+        top += 0.1
+    found = settle(seen(scenes.on_floor(*boxes), rng))
+    assert found.worst.sigmas < found.accepted
+    assert Analysis.of(found.assembly).stability().stable
+
+
+def _frame(name, x):
+    outline = shapely.box(-0.05, -0.05, 0.05, 0.05).difference(shapely.box(-0.045, -0.045, 0.045, 0.045))
+    surface = trimesh.creation.extrude_polygon(outline, 0.04)
+    mesh = Mesh(np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64))
+    return RigidObject(name, mesh, scenes.pose((x, 0, 0)), mass=0.3)
+
+
+def test_thin_walls_beside_each_other_do_not_touch_through_each_other():
+    """The inner sides of both walls look towards each other, and are nearer than three sigma through the walls."""
+    answered = 0
+    for seed in range(8):
+        noisy = seen(scenes.on_floor(_frame("a", 0.0), _frame("b", 0.101)), np.random.default_rng(seed))
+        try:
+            found = settle(noisy).assembly.objects
+        except InputError:
+            continue
+        answered += 1
+        assert found[2].vertices[:, 0].min() > found[1].vertices[:, 0].max() - 2e-3
+    assert answered >= 7

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.placement import scenes
-from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly import Analysis, Assembly, Push, Sphere, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.assembly.statics import NO_DEADLINE, Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError
@@ -251,6 +251,16 @@ def test_a_deadline_before_the_first_pose_is_said():
     with pytest.raises(NoAnswerError) as error:
         plan_placement(scene(*CANYON), read_object(CUBE), Options(deadline=1e-9))
     assert error.value.code is ErrorCode.DEADLINE
+
+
+def test_a_deadline_that_ends_the_search_is_said():
+    item = replace(read_object(CUBE), shape=Sphere(0.03))  # which rolls everywhere
+    with pytest.raises(NoAnswerError, match=r"poses until the deadline \(.*or allow more time") as caught:
+        plan_placement(scene(*CANYON), item, Options(deadline=0.3, attempts=10**6))
+    assert caught.value.data["late"]
+    with pytest.raises(NoAnswerError, match="or allow more attempts") as caught:
+        plan_placement(scene(*CANYON), item, Options(attempts=5))
+    assert not caught.value.data["late"]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -9,7 +9,7 @@ from poise.assembly.scene import Polyhedron
 from poise.geometry import plane_axes, unit
 from poise.types import Array
 
-_SMOOTH = np.radians(31.0)
+SMOOTH = np.radians(31.0)
 """Facets that meet at most at this angle may be of one round side: prisms of 12 sides and more."""
 _ALIKE = 1.8
 """Ratio of radii that neighbouring facets of one round side may show."""
@@ -182,6 +182,6 @@ def _steps(polyhedron: Polyhedron, facet: int) -> tuple[list[_Step], bool]:
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         edge = lengths @ ends.mean(axis=1) / lengths.sum()
         outwards = (polyhedron.facet_centres[other] - edge) @ normal < 0
-        if outwards and 0 < angle <= _SMOOTH:
+        if outwards and 0 < angle <= SMOOTH:
             steps.append(_Step(other, unit(turn), angle, edge))
     return steps, len(steps) == len(np.unique(others)) > 0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from poise.assembly.contact.placed import PlacedBody, meeting
 from poise.assembly.scene import Box, Cylinder, RigidObject, Shape, Sphere
+from poise.geometry import cross, lengths
 from poise.types import Array, Mask
 
 _CROSSINGS, _PRODUCTS = 60_000, 2_000_000
@@ -19,6 +20,8 @@ _SLACK = 1e-9
 _EXACT = 5e-3
 """m, up to which depths in bodies that are not convex are exact."""
 _MARGIN = np.array([[-_EXACT], [_EXACT]])
+_PAIRS = 100_000
+"""Points times triangles whose distances are found together."""
 _UNDER = (1e-3, 2.5e-3)
 """m under both surfaces at which something common is looked for."""
 _MOST, _MOST_UNDER = 256, 24
@@ -123,10 +126,14 @@ def _depths(points: Array, body: PlacedBody, bounds: Array) -> Array:
     if not near.any():
         near[:] = True
     corners, their_bounds = body.corners[near], body.triangle_bounds[:, near]
-    depths = np.empty(len(points))
-    for i, point in enumerate(points):
-        close = meeting(their_bounds, point + _MARGIN)
-        depths[i] = distance_to_triangles(point, corners[close] if close.any() else corners)
+    depths, step = np.empty(len(points)), max(1, _PAIRS // len(corners))
+    for first in range(0, len(points), step):
+        some = points[first : first + step, None]
+        close = np.all((their_bounds[0] <= some + _EXACT) & (their_bounds[1] >= some - _EXACT), axis=2)
+        close[~close.any(axis=1)] = True
+        which, triangles = np.nonzero(close)
+        far = _distances(points[first + which], corners[triangles])
+        depths[first : first + step] = np.minimum.reduceat(far, np.searchsorted(which, np.arange(len(some))))
     return depths
 
 
@@ -164,7 +171,7 @@ def _crossings(ends: Array, triangles: Array) -> Array:
     side_1, side_2 = triangles[:, 1] - corner, triangles[:, 2] - corner
     run = (ends[:, 1] - ends[:, 0])[:, None]
     offset = ends[:, :1] - corner
-    p, q = np.cross(run, side_2), np.cross(offset, side_1)
+    p, q = cross(run, side_2), cross(offset, side_1)
     determinant = np.einsum("tk,etk->et", side_1, p)
     safe = np.where(np.abs(determinant) > 1e-15, determinant, np.nan)
     u = np.einsum("etk,etk->et", offset, p) / safe
@@ -190,18 +197,22 @@ def winding_number(points: Array, corners: Array, bounds: Array) -> NDArray[np.i
         return numbers
     low, (right, back, _) = points.min(axis=0), points.max(axis=0)
     over = meeting(bounds, np.array([low, [right, back, np.inf]]))
-    corners, bounds = corners[over], bounds[:, over]
-    for i, (x, y, z) in enumerate(points.tolist()):
-        a, b, c = np.moveaxis(corners[meeting(bounds, np.array([[x, y, z], [x, y, np.inf]]))], 1, 0)
-        hands = [_hand(*ends, x, y) for ends in ((a, b), (b, c), (c, a))]
+    corners, (lowest, highest) = corners[over], bounds[:, over]
+    step = max(1, _PRODUCTS // max(len(corners), 1))
+    for first in range(0, len(points), step):
+        some = points[first : first + step, None]
+        beside = np.all((lowest[:, :2] <= some[..., :2]) & (highest[:, :2] >= some[..., :2]), axis=2)
+        which, triangles = np.nonzero(beside & (highest[:, 2] >= some[..., 2]))
+        place, (a, b, c) = points[first + which], np.moveaxis(corners[triangles], 1, 0)
+        hands = [_hand(*ends, place[:, 0], place[:, 1]) for ends in ((a, b), (b, c), (c, a))]
         hit = (hands[0] == hands[1]) & (hands[0] == hands[2])
-        above = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - points[i]) * hands[0] > 0
-        numbers[i] = hands[0][hit & above].sum()
+        hit &= np.einsum("ij,ij->i", cross(b - a, c - a), a - place) * hands[0] > 0
+        np.add.at(numbers, first + which[hit], hands[0][hit])
     return numbers
 
 
-def _hand(a: Array, b: Array, x: float, y: float) -> NDArray[np.int64]:
-    """(N,) 1 where (x, y), seen from above, is left of the lines from corners a to b (N, 3), -1 where right of them.
+def _hand(a: Array, b: Array, x: Array, y: Array) -> NDArray[np.int64]:
+    """(N,) 1 where (x, y), seen from above, is left of the line from a corner a to b (N, 3), -1 where right of it.
 
     The same to the last bit for both triangles at an edge, but for the sign.
     """
@@ -215,18 +226,21 @@ def _hand(a: Array, b: Array, x: float, y: float) -> NDArray[np.int64]:
 
 def distance_to_triangles(point: Array, triangles: Array) -> float:
     """Least distance from a point (3,) to triangles (T, 3, 3), m."""
+    return float(_distances(point, triangles).min())
+
+
+def _distances(points: Array, triangles: Array) -> Array:
+    """(N,) m from points (N, 3), or one point (3,), to triangles (N, 3, 3), one each."""
     a, b, c = np.moveaxis(triangles, 1, 0)
-    normal = np.cross(b - a, c - a)
+    normal = cross(b - a, c - a)
     square = np.einsum("ij,ij->i", normal, normal)
     safe = np.where(square > 0, square, 1.0)
-    weights = np.stack(
-        [np.einsum("ij,ij->i", np.cross(q - p, point - p), normal) / safe for p, q in ((b, c), (c, a), (a, b))]
-    )
-    height = np.abs(np.einsum("ij,ij->i", point - a, normal)) / np.sqrt(safe)
-    best = np.where(np.all(weights >= 0, axis=0) & (square > 0), height, np.inf)
+    weights = [np.einsum("ij,ij->i", cross(q - p, points - p), normal) for p, q in ((b, c), (c, a), (a, b))]
+    height = np.abs(np.einsum("ij,ij->i", points - a, normal)) / np.sqrt(safe)
+    best = np.where(np.all(np.array(weights) >= 0, axis=0) & (square > 0), height, np.inf)
     for p, q in ((a, b), (b, c), (c, a)):
         run = q - p
         length = np.einsum("ij,ij->i", run, run)
-        share = np.clip(np.einsum("ij,ij->i", point - p, run) / np.where(length > 0, length, 1.0), 0, 1)
-        best = np.minimum(best, np.linalg.norm(p + share[:, None] * run - point, axis=1))
-    return float(best.min())
+        share = np.clip(np.einsum("ij,ij->i", points - p, run) / np.where(length > 0, length, 1.0), 0, 1)
+        best = np.minimum(best, lengths(p + share[:, None] * run - points))
+    return np.asarray(best)

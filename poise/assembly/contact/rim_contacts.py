@@ -16,9 +16,10 @@ from poise.types import Array, Indices
 _ANGLES = 2 * np.pi * np.arange(96) / 96
 _FINER, _ROUNDS = np.linspace(-1, 1, 15), 7
 """Angles around the rim that are tried; around the best of them, in steps that become smaller so many times."""
-_LEAN, _PARALLEL = 1e-4, np.sin(np.radians(1.0))
-"""A rim touches alone where both faces beside it lean away by more, rad; otherwise the side does, or the cap. Sines of
-angles below which axes, or edges, count as parallel."""
+PARALLEL = float(np.sin(np.radians(1.0)))
+"""Sine of the angle below which axes, or edges, count as parallel."""
+_LEAN = 1e-4
+"""A rim touches alone where both faces beside it lean away by more, rad; otherwise the side does, or the cap."""
 
 
 class _Rim:
@@ -105,8 +106,8 @@ def _on_side(rim: _Rim, body: PlacedBody, base: PlacedBody, margin: float) -> It
     def feet(points: Array) -> Array:
         return centre + ((points - centre) @ axis)[..., None] * axis
 
-    def away(points: Array, _: Indices) -> Array:
-        return np.asarray(np.abs(np.linalg.norm(points - feet(points), axis=-1) - shape.radius))
+    def away(points: Array, _: Indices) -> Array:  # negative where they overlap: the deepest place counts
+        return np.asarray(np.linalg.norm(points - feet(points), axis=-1) - shape.radius)
 
     for angle, _ in _least(rim, away, np.zeros(1, dtype=np.int64), margin):
         place = rim.at(np.array(angle))
@@ -144,15 +145,15 @@ def _on_edges(rim: _Rim, body: PlacedBody, base: PlacedBody, margin: float) -> I
 
 def _parallel(first: PlacedBody, second: PlacedBody) -> bool:
     """Whether the axes of two cylinders are."""
-    cosine = first.item.pose.rotation[:, 2] @ second.item.pose.rotation[:, 2]
-    return bool(abs(cosine) > 1 - _PARALLEL**2 / 2)
+    across = cross(first.item.pose.rotation[:, 2], second.item.pose.rotation[:, 2])
+    return bool(np.linalg.norm(across) < PARALLEL)
 
 
 def _square_to(first: Array, second: Array) -> list[Array]:
     """Both unit vectors across two; none where these are nearly parallel."""
     across = cross(first, second)
     size = float(np.linalg.norm(across))
-    return [across / size, -across / size] if size > _PARALLEL else []
+    return [across / size, -across / size] if size > PARALLEL else []
 
 
 def _patch(place: Array, foot: Array, normal: Array, margin: float, touch: RoundTouch | None) -> list[ContactPatch]:

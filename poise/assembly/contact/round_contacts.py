@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch
-from poise.assembly.contact.rim_contacts import rim_patches, rims_on_rims
+from poise.assembly.contact.rim_contacts import PARALLEL, rim_patches, rims_on_rims
 from poise.assembly.contact.touching import NO_TRIANGLES, beside_faces, overlap, touching_patches
 from poise.assembly.scene import Cylinder
 from poise.geometry import unit
@@ -12,6 +12,8 @@ from poise.types import Array
 
 # A side within this angle of a facet lies on it along a line, rad.
 _LINE_ANGLE = np.radians(1.0)
+_CLOSED = 1e-5
+"""m: a gap beside a line of contact that pressing closes."""
 
 
 def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
@@ -80,12 +82,12 @@ def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[Co
     near = base.edges_near(overlap(body.bounds, base.bounds, margin))
     for edge in near:
         ends = base.vertices[base.edges[edge]] - centre
-        points = _nearest_to_axis(ends, axis, half)
+        points = _nearest_to_axis(ends, axis, half, radius)
         if points is None:
             continue
         foot = points - np.outer(points @ axis, axis)
         distance = np.linalg.norm(foot, axis=1)
-        normal = -foot[0] / distance[0]
+        normal = -unit(foot.mean(axis=0))
         gap = float(distance.mean()) - radius
         if np.all(np.abs(distance - radius) <= margin) and base.edge_pushes(int(edge), normal):
             places = centre + points + gap / 2 * normal
@@ -102,19 +104,33 @@ def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[Co
     return patches
 
 
-def _nearest_to_axis(ends: Array, axis: Array, half: float) -> Array | None:
-    """Where a segment (2, 3) is nearest to the axis through the origin, inside both; two points if parallel."""
+def _nearest_to_axis(ends: Array, axis: Array, half: float, distance: float) -> Array | None:
+    """Where a segment (2, 3) is nearest to the axis through the origin, inside both; two points if nearly parallel.
+
+    Nearly parallel ones touch at more than a point: along the part on which they come apart by what pressing closes.
+
+    Args:
+        ends: of the segment.
+        axis: unit vector.
+        half: m, length of the axis to either side.
+        distance: m, between axis and segment where they touch.
+    """
     run = ends[1] - ends[0]
     across = np.cross(axis, run)
     square = float(across @ across)
-    if square < (1e-3 * np.linalg.norm(run)) ** 2:
+    share = float(np.cross(-ends[0], axis) @ np.cross(run, axis)) / max(square, 1e-300)
+    if square < (PARALLEL * np.linalg.norm(run)) ** 2:
         slide = ends @ axis
         low, high = max(slide.min(), -half), min(slide.max(), half)
+        if square > (1e-9 * np.linalg.norm(run)) ** 2:
+            crossing = slide[0] + share * (slide[1] - slide[0])
+            nearest = float(np.clip(crossing, low, high)) - crossing
+            reach = np.hypot(nearest, np.linalg.norm(run) * np.sqrt(2 * distance * _CLOSED / square))
+            low, high = max(low, crossing - reach), min(high, crossing + reach)
         if high - low <= 1e-7 * half:
             return None
         shares = (np.array([low, high]) - slide[0]) / (slide[1] - slide[0])
         return np.asarray(ends[0] + np.outer(shares, run))
-    share = float(np.cross(-ends[0], axis) @ np.cross(run, axis)) / square
     point = ends[0] + share * run
     if not 1e-6 < share < 1 - 1e-6 or abs(point @ axis) >= half * (1 - 1e-6):
         return None
@@ -126,14 +142,14 @@ def _side_on_side(first: PlacedBody, second: PlacedBody, margin: float) -> list[
     centre_a, axis_a, radius_a, half_a = _frame(first)
     centre_b, axis_b, radius_b, half_b = _frame(second)
     ends = centre_b - centre_a + np.outer([-half_b, half_b], axis_b)
-    points = _nearest_to_axis(ends, axis_a, half_a)
+    points = _nearest_to_axis(ends, axis_a, half_a, radius_a + radius_b)
     if points is None:
         return []
     foot = points - np.outer(points @ axis_a, axis_a)
     distance = np.linalg.norm(foot, axis=1)
     if np.any(np.abs(distance - radius_a - radius_b) > margin):
         return []
-    normal = foot[0] / distance[0]
+    normal = unit(foot.mean(axis=0))
     gap = float(distance.mean()) - radius_a - radius_b
     places = centre_a + points - (radius_b + gap / 2) * normal
     if len(points) == 2:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from poise.assembly.contact.facet_curves import FacetCurve, facet_curve
+from poise.assembly.contact.facet_curves import SMOOTH, FacetCurve, facet_curve
 from poise.assembly.contact.placed import ContactPatch, PlacedBody, RoundTouch, hull_corners
 from poise.assembly.contact.touching import FACE_ANGLE
 from poise.assembly.scene import Mesh
@@ -14,6 +14,8 @@ from poise.types import Array
 
 _AROUND = 8
 """Corners of the region around a point: resistance is up to 8 % less between them than towards them."""
+_STRAIGHT = 0.9
+"""Least cosine between an edge on which a round side lies and the direction in which it is straight."""
 _NEAR = 1e-3
 """Cosines from 1 within which a facet is that of a patch (2.6 degrees)."""
 
@@ -61,20 +63,23 @@ def mesh_touch(
 ) -> RoundTouch | None:
     """Where the round sides touch that meshes stand for by flat facets; None where neither body is round there.
 
+    Such a mesh may touch with a facet, or with an edge or a vertex between facets of its round side.
+
     Args:
         bodies: both, the first pressing on the second along the normal.
         group: patches in one plane, the largest first.
         normal: (3,) of that plane.
         corners: (K, 3) m, of the hull of all patches.
     """
-    if not all(patch.area > 0 for patch in group):
-        return None
     found: list[RoundTouch] = []
+    at_edge = len(corners) < 3
+    if not at_edge and not all(patch.area > 0 for patch in group):
+        return None
     for body, outwards in zip(bodies, (1.0, -1.0), strict=True):
         curves = [_curve(body, outwards * patch.normal, patch.points[0]) for patch in group]
         if curves[0] is None or None in curves:
             continue
-        touch = _under(curves[0], body, outwards * normal, corners)
+        touch = (_over_edge if at_edge else _under)(curves[0], body, outwards * normal, corners)
         if touch is not None:
             found.append(touch)
     if len(found) < 2:
@@ -86,9 +91,11 @@ def mesh_touch(
 
 
 def resting_normal(bodies: tuple[PlacedBody, PlacedBody], group: Sequence[ContactPatch], normal: Array) -> Array:
-    """(3,) normal of a contact of many small facets with a flat one: that of the flat one."""
+    """(3,) normal of a contact of small facets of a round side with a flat facet: that of the flat one."""
+    if not any(isinstance(body.item.shape, Mesh) for body in bodies):
+        return normal
     for body, outwards in zip(bodies, (1.0, -1.0), strict=True):
-        if len(group) > 1 and len(body.normals) and not isinstance(body.item.shape, Mesh):
+        if len(body.normals) and _curve(body, outwards * normal, group[0].points[0]) is None:
             cosines = body.normals @ (outwards * normal)
             if cosines.max() > np.cos(FACE_ANGLE):
                 return np.asarray(outwards * body.normals[cosines.argmax()])
@@ -103,6 +110,33 @@ def _curve(body: PlacedBody, normal: Array, point: Array) -> FacetCurve | None:
     facing = np.flatnonzero(cosines > max(cosines.max() - _NEAR, 0.5))
     heights = np.abs(np.einsum("fi,fi->f", body.origins[facing] - point, body.normals[facing]))
     return facet_curve(body.polyhedron, int(facing[heights.argmin()]))
+
+
+def _over_edge(curve: FacetCurve, body: PlacedBody, normal: Array, corners: Array) -> RoundTouch | None:
+    """Where a round side touches with an edge or a vertex between two of its facets.
+
+    Facets say no better where that is than they are wide: within that it is where the centre of mass rests. None where
+    the normal is farther off those of the facets: the edge is at the end of the round side.
+    """
+    facing = body.item.pose.rotation @ curve.normal
+    cosine = float(facing @ normal)
+    if cosine < np.cos(SMOOTH / 2):
+        return None
+    half = curve.radius * float(np.sqrt(max(1 - cosine**2, 0.0)))
+    rests = body.item.com_in_world - corners.mean(axis=0)
+    rests -= (rests @ normal) * normal
+    if curve.along is None:
+        shift = rests * min(1.0, half / max(float(np.linalg.norm(rests)), 1e-12))
+        return RoundTouch((corners.mean(axis=0) + shift)[None], np.array([curve.radius]), None)
+    along = body.item.pose.rotation @ curve.along
+    run = along if len(corners) == 1 else unit(corners[1] - corners[0])
+    if abs(run @ along) < _STRAIGHT:
+        return None
+    across = unit(np.cross(normal, run))
+    middle = body.item.pose.apply(curve.middle)
+    radii = np.maximum(curve.radius + curve.slope * ((corners - middle) @ along), 0.0)
+    shift = np.clip(rests @ across, -half, half) * radii / curve.radius
+    return RoundTouch(corners + shift[:, None] * across, radii, across)
 
 
 def _under(curve: FacetCurve, body: PlacedBody, normal: Array, corners: Array) -> RoundTouch | None:

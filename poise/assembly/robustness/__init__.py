@@ -5,7 +5,7 @@
 - `pose_intervals`: intervals over uncertain poses.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
-- `rolling_findings`: sentences about what stands but can roll, or balances.
+- `rolling_findings`: sentences about what stands but can roll, or balances; `gap_findings`: what touches across gaps.
 - `likely_cause`, `other_readings`: sentences about what is refused or falls, by other readings of the scene.
 """
 
@@ -23,6 +23,7 @@ from poise.assembly.robustness.block_answers import (
     patch_factors,
 )
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
+from poise.assembly.robustness.gap_findings import gap_findings
 from poise.assembly.robustness.likely_cause import EXPLAINED, likely_cause
 from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map, rough_robustness
@@ -65,6 +66,7 @@ __all__ = [
     "carried",
     "check_elastic",
     "coupled_questions",
+    "gap_findings",
     "likely_cause",
     "limit_factors",
     "motion_probability",

@@ -18,6 +18,8 @@ _SIGMAS = 3.0
 """Independent errors of a pose, all at a time, that explain a distance."""
 _SLACK = 5e-4
 """m by which a distance may miss what the poses' uncertainty explains."""
+_THROUGH, _OTHER_SIDE = 2e-3, -0.9
+"""m by which bodies overlap where a place may be on the wrong side of a wall, and the cosine to a place opposite."""
 _EDGE_REACH = 0.02
 """m up to which edges and corners are looked for."""
 
@@ -92,6 +94,7 @@ def find_candidates(items: tuple[RigidObject, ...], bodies: SeenBodies, sigmas: 
     if lines is not None:
         found = found.and_also(lines)
     found = _explained(found, bodies, sigmas)
+    found = found.chosen(_not_through_walls(items, bodies, found))
     return found.and_also(_explained(_in_line(items, bodies, found, angle), bodies, sigmas))
 
 
@@ -154,6 +157,22 @@ def _explained(found: Candidates, bodies: SeenBodies, sigmas: float) -> Candidat
     explained = np.abs(distance) <= np.maximum(sigmas * deviation, _SIGMAS * largest) + _SLACK
     near = np.all(explained.reshape(-1, POINTS), axis=1)
     return found.chosen(near)
+
+
+def _not_through_walls(items: tuple[RigidObject, ...], bodies: SeenBodies, found: Candidates) -> Mask:
+    """(C,) whether places are none that bodies could only reach through a wall.
+
+    The inner sides of the walls of two trays beside each other look towards each other, too, through both walls. Of
+    such a place and one on the outer side, that which is nearer to what was seen is left.
+    """
+    distances = found.rows.linearised(bodies.poses)[0].reshape(-1, POINTS).mean(axis=1)
+    hollow = np.array([not item.shape.polyhedron.convex for item in items])
+    kept = np.ones(len(distances), dtype=bool)
+    for number in np.flatnonzero((distances < -_THROUGH) & (hollow[found.first] | hollow[found.second])).tolist():
+        same = (found.first == found.first[number]) & (found.second == found.second[number])
+        other = same & (found.normal @ found.normal[number] < _OTHER_SIDE)
+        kept[number] = not np.any(other & (np.abs(distances) < -distances[number]))
+    return kept
 
 
 def _of_faces(items: tuple[RigidObject, ...], bodies: SeenBodies, flat: Opposite, position: Array) -> Candidates:

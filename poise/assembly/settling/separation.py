@@ -1,22 +1,30 @@
 """Planes that keep bodies apart which do not rest flat on each other."""
 
-import numpy as np
+from collections.abc import Hashable
+from functools import lru_cache
+from typing import cast
 
-from poise.assembly.scene import RigidObject
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from poise.assembly.scene import Polyhedron, RigidObject, Shape, merge_facets
 from poise.assembly.settling.rows import DistanceRows
-from poise.geometry import Pose
+from poise.geometry import Pose, cross
 from poise.types import Array, Indices, Mask
 
 _CORNERS = 4
 """Corners of a body that are kept over a plane of its neighbour."""
+_BESIDE, _OFF = 0.3, 0.01
+"""Of what is not convex, hulls are kept apart beside each other: cosines to the vertical up to which a face is upright,
+and m by which they may overlap there. Cups in cups and what lies in a bowl overlap by more, or upwards."""
 
 
 def keep_apart(
-    items: tuple[RigidObject, ...], poses: Pose, free: Mask, reach: float, touching: set[tuple[int, int]]
+    items: tuple[RigidObject, ...], poses: Pose, free: Mask, reach: float, touching: set[tuple[int, int]], up: Array
 ) -> DistanceRows:
-    """For pairs of convex bodies that are near: the corners of one over the face of the other that parts them best.
+    """For pairs of bodies that are near: the corners of one over the face of the other that parts them best.
 
-    SeenBodies that are not convex have no such face; `find_interfaces` checks them at the end.
+    Bodies that are not convex may have no such face; `find_interfaces` checks them at the end.
 
     Args:
         items: N objects.
@@ -24,13 +32,14 @@ def keep_apart(
         free: (N,) whether each may move.
         reach: m; pairs farther apart are left out.
         touching: pairs of places that contacts keep apart.
+        up: (3,) against gravity.
     """
     corners, normals, offsets = [], [], []
     for item, rotation, translation in zip(items, poses.rotation, poses.translation, strict=True):
-        shape = item.shape.polyhedron
+        shape = _outside(cast(Hashable, item.shape))
         corners.append(shape.vertices @ rotation.T + translation)
-        first = [triangles[0, 0] for triangles in shape.facet_triangles] if shape.convex else []
-        normals.append(shape.normals[: len(first)] @ rotation.T)
+        first = [triangles[0, 0] for triangles in shape.facet_triangles]
+        normals.append(shape.normals @ rotation.T)
         offsets.append(np.einsum("fi,fi->f", normals[-1], corners[-1][first]))
     low = np.array([points.min(axis=0) for points in corners])
     high = np.array([points.max(axis=0) for points in corners])
@@ -38,14 +47,31 @@ def keep_apart(
     near &= near.T & (free[:, None] | free[None])
     parted: list[tuple[int, int, int, Indices]] = []
     for i, j in np.argwhere(np.triu(near, 1)).tolist():
-        if (i, j) in touching or not len(normals[i]) or not len(normals[j]):
+        if (i, j) in touching:
             continue
         best = max((_best(normals[a], offsets[a], corners[b]), a, b) for a, b in ((i, j), (j, i)))
         (distance, facet), base, other = best
+        convex = items[i].shape.polyhedron.convex and items[j].shape.polyhedron.convex
+        if not convex and (distance < -_OFF or abs(float(normals[base][facet] @ up)) > _BESIDE):
+            continue
         if distance <= reach:
             lowest = np.argsort(corners[other] @ normals[base][facet], kind="stable")[:_CORNERS]
             parted.append((base, facet, other, lowest))
     return _rows(items, parted)
+
+
+@lru_cache(maxsize=512)
+def _outside(shape: Hashable) -> Polyhedron:
+    """The surface of a convex shape, or of the convex hull of another."""
+    surface = cast(Shape, shape).polyhedron
+    if surface.convex:
+        return surface
+    hull = ConvexHull(surface.vertices)
+    a, b, c = np.moveaxis(surface.vertices[hull.simplices], 1, 0)
+    inwards = np.einsum("ij,ij->i", cross(b - a, c - a), hull.equations[:, :3]) < 0
+    triangles = np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
+    used, numbers = np.unique(triangles, return_inverse=True)
+    return merge_facets(surface.vertices[used], numbers.reshape(-1, 3))
 
 
 def _best(normals: Array, offsets: Array, corners: Array) -> tuple[float, int]:
@@ -59,7 +85,7 @@ def _rows(items: tuple[RigidObject, ...], parted: list[tuple[int, int, int, Indi
     """The lowest corners of other bodies over a facet of a base, for (base, facet, other, corners) each."""
     if not parted:
         return DistanceRows.joined([])
-    counts, shapes = [len(lowest) for *_, lowest in parted], [item.shape.polyhedron for item in items]
+    counts, shapes = [len(lowest) for *_, lowest in parted], [_outside(cast(Hashable, item.shape)) for item in items]
     normals = [shapes[base].normals[facet] for base, facet, *_ in parted]
     origins = [shapes[base].vertices[shapes[base].facet_triangles[facet][0, 0]] for base, facet, *_ in parted]
     return DistanceRows(

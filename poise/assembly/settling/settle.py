@@ -27,8 +27,11 @@ _MOST_STRAIN = 2.0
 """Largest move over what is likely."""
 _YIELDS = 3e-4
 """m by which that may be less where it would move other bodies much."""
-_COARSE, _FINE = (1e-4, 2e-5), (2e-5, 1e-6, 1e-6)
-"""m, one sigma of the distances at contacts, iteration by iteration."""
+_COARSE, _FINE, _LOOSE = (1e-4, 2e-5, 2e-5), (1e-6, 1e-6), (2e-5, 2e-5)
+"""m, one sigma of the distances at contacts, iteration by iteration: at first, and then where all contacts close, or
+where some do not. Sizes that are off by tenths of a millimetre, fitted exactly, would tilt bodies by degrees."""
+_CLOSES = 3e-5
+"""m: contacts close where no distance is larger after the first iterations."""
 _ROUNDS = 3
 _OVERLAPPING = 2e-4
 """m; if bodies overlap more, the planes between them are chosen again, in at most so many rounds."""
@@ -216,16 +219,19 @@ class _Problem:
         none = DistanceRows.joined([])
         poses = most_likely(bodies, self.bodies.poses, fixed, none, np.zeros(0), np.zeros(0), _COARSE)
         touching = {(min(pair), max(pair)) for pair in map(self.candidates.pair, choice.contacts)}
+        closes = np.all(np.abs(fixed.linearised(poses)[0]) <= _CLOSES)
         parted = none
         for round_ in range(_ROUNDS):
-            more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching)
+            more = keep_apart(self.assembly.objects, poses, bodies.slot >= 0, _APART, touching, self.up)
             if round_ and np.all(more.linearised(poses)[0] > -_OVERLAPPING):
                 break
             parted = DistanceRows.joined([parted, more])
             bounds, slack = (
                 np.repeat(values, [len(beside), len(parted)]) for values in ([_APART, 0.0], [_YIELDS, _OVERLAPS])
             )
-            poses = most_likely(bodies, poses, fixed, DistanceRows.joined([beside, parted]), bounds, slack, _FINE)
+            poses = most_likely(
+                bodies, poses, fixed, DistanceRows.joined([beside, parted]), bounds, slack, _FINE if closes else _LOOSE
+            )
         return poses
 
     def drawn(self, rng: np.random.Generator, strain: float) -> Assembly:
@@ -275,7 +281,7 @@ class _Problem:
     def refusal(self, move: Move) -> InputError:
         """The error for an object that would have to move too far."""
         contacts = self.candidates.of(*self.choice.contacts)
-        parted = keep_apart(self.assembly.objects, self.bodies.poses, self.bodies.slot >= 0, _APART, set())
+        parted = keep_apart(self.assembly.objects, self.bodies.poses, self.bodies.slot >= 0, _APART, set(), self.up)
         rows = DistanceRows.joined([contacts, parted])
         lacking = -rows.linearised(self.bodies.poses)[0]
         lacking[len(contacts) :] = np.maximum(lacking[len(contacts) :], 0.0)

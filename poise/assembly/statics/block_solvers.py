@@ -151,7 +151,7 @@ class BlockSolvers:
         if "rest" in self.coulomb.__dict__:
             return self.coulomb.rest
         state = self.coulomb.settle(self.geometry.gravity.ravel(), self.start, deadline)
-        if state.known:
+        if state.known or not deadline.passed:
             self.coulomb.rest = state
         return state
 

@@ -6,6 +6,7 @@ nothing presses the walls to the cube. Here normal forces arise only where bodie
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -13,12 +14,13 @@ import numpy as np
 
 from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry
+from poise.assembly.statics.creep import CREEP_STEPS, creep
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.assembly.statics.elastic_state import ElasticFactor, ElasticState, LoadShares
 from poise.assembly.statics.elimination import Elimination
 from poise.assembly.statics.load_path import LoadPath, PathPoint, follow, go_on, look_beyond
-from poise.assembly.statics.newton_goal import Goal
+from poise.assembly.statics.newton_goal import Goal, newton_steps
 from poise.types import Array, Mask
 
 _CARRIED = 5e-5
@@ -31,15 +33,13 @@ _SETTLED = 1e-7
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
 _FEW = 2
 """Attempts where it is asked whether a block stands at a little more than at the end of a path."""
+_STUCK = 2
+"""The attempt after which bodies creep to where they stand."""
 _REACHED = 2e-4
 """What may be left of the load on each body at a point of the path of a growing load."""
-_NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
-"""There, what is left of less than so many times what is enough is given up when so many steps do not lessen it."""
 _SMALL = 20
 """Up to so many bodies a state is looked for beyond the end of a path, and paths go on along the last way, which misses
 fewer peaks; with more bodies along what the load changes, which takes fewer steps."""
-_LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
-"""The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 _BRIEF_LOOK = 6
 """Newton steps to a state that may stand beyond the end of a path."""
 _MODERATE, _BEYOND = 40, 3
@@ -99,7 +99,24 @@ class CoulombBlock:
                 return replace(found, known=False)
             if (carried := self._shares.of(contacts.catch * u, load)) > _FALLS:
                 return ElasticState(False, carried, u)
-        return found
+            if attempt == _STUCK and (crept := self._crept(load, deadline)) is not None:
+                return crept
+        return replace(found, known=False)
+
+    def _crept(self, load: Array, deadline: Deadline) -> ElasticState | None:
+        """See `creep`."""
+        mean, held = float(self.contacts.stiffness.mean()), copy(self)
+
+        def step(at: Array, bond: float) -> Array | None:
+            held.contacts, pulled = self.contacts.held_by(bond * mean), load + bond * mean * at
+            moved = held._descend(pulled, at, None, CREEP_STEPS, deadline)
+            return moved if self._shares.of(held._left(moved, pulled), load) <= _CARRIED else None
+
+        def state(at: Array) -> ElasticState | None:
+            found, carried = self._state(load, at), self._shares.of(self.contacts.catch * at, load)
+            return found if found.settled or carried > _FALLS else None
+
+        return creep(step, state, len(load))
 
     def in_world(self, displacement: Array) -> Array:
         """(n, 6) displacements (6 n,) at the world's origin, for contacts of a stiffness of 1 N/m per m2."""
@@ -163,7 +180,7 @@ class CoulombBlock:
             return [ElasticFactor(0.0, False)] * len(loads)
         rest, gravity, compiled = self.rest, self.geometry.gravity.ravel(), self.contacts.compiled
         if not rest.stands:
-            return [ElasticFactor(0.0, True, rest.displacement)] * len(loads)
+            return [ElasticFactor(0.0, rest.known, rest.displacement)] * len(loads)
         found: list[ElasticFactor | None] = [None] * len(loads)
         if compiled is not None and self.geometry.count <= _SMALL:
             most = np.minimum(above, expected), above
@@ -318,7 +335,7 @@ class CoulombBlock:
         return ElasticState(unbalanced <= _CARRIED, unbalanced, u, left <= _CARRIED / 2)
 
     def _newton(self, load: Array, start: Array, deadline: Deadline, steps: int = _STEPS) -> ElasticState:
-        """The state in which contacts, slipping as Coulomb says, carry a load; not settled when stuck on the way."""
+        """The state in which contacts, slipping as Coulomb says, carry a load; not settled when stuck."""
         found = self._state(load, self._descend(load, start, None, steps, deadline))
         return found if found.settled else replace(found, known=not deadline.passed)
 
@@ -335,7 +352,7 @@ class CoulombBlock:
             change = None
         else:
             goal = Goal(gravity, push=load)
-            u, left, steps = self._steps(goal, start, enough, steps, deadline)
+            u, left, steps = newton_steps(self.contacts, goal, start, enough, steps, deadline)
             factor, compliance, change = goal.factor, goal.compliance, goal.change
         total = gravity + factor * load
         size = max(math.sqrt(float(total @ total)), self._shares.weight)
@@ -352,36 +369,4 @@ class CoulombBlock:
         compiled = self.contacts.compiled
         if compiled is not None:
             return compiled.descend(load, start, bounds, enough, steps, deadline)
-        return self._steps(Goal(load, bounds), start, enough, steps, deadline)[0]
-
-    def _steps(self, goal: Goal, u: Array, enough: float, steps: int, deadline: Deadline) -> tuple[Array, float, int]:
-        """Damped Newton steps towards a goal: the displacement, its merit, and how many steps that took.
-
-        Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
-        bond of the contacts, shortens it. Few steps are asked of a place near a point of the path, which needs none.
-        """
-        contacts, damping, step, full = self.contacts, 0.0, 0, 0
-        earlier, stale = np.inf, 0
-        relative = contacts.relative(u)
-        value, rest = goal.merit(contacts, u, relative)
-        for step in range(steps + 1):
-            if step == steps or float(np.linalg.norm(rest)) <= enough or deadline.passed:
-                break
-            if goal.push is not None and value <= _NEARLY * enough:
-                stale = stale + 1 if value > _GAINS * earlier else 0
-                if stale == _PATIENCE:
-                    break
-                earlier = min(earlier, value)
-            move, factor = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest), goal.factor
-            length, new, leap = goal.search(contacts, u, relative, move, value, enough)
-            if leap or new < value:
-                u, relative = u + length * move, relative + length * contacts.moved(move)
-                value, rest = goal.merit(contacts, u, relative)
-                full = full + 1 if length == 1 and not leap else 0
-                if full >= _AGAIN or (full and damping <= _LITTLE):
-                    damping = damping / 10 if damping > 1e-7 else 0.0
-            else:
-                goal.factor, damping, full = factor, max(10 * damping, _LITTLE), 0
-                if damping > 10 or (goal.push is not None and steps <= _BRIEF):
-                    break
-        return u, value, step
+        return newton_steps(self.contacts, Goal(load, bounds), start, enough, steps, deadline)[0]

@@ -1,5 +1,6 @@
 """The contact points of a block as springs: forces, energy and stiffness at a displacement of the bodies."""
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -81,6 +82,14 @@ class ElasticContacts:
         # The ground is one more body, whose motion and forces are dropped.
         self.sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
         self.wrenches = points.wrenches
+
+    def held_by(self, catch: float) -> "ElasticContacts":
+        """The same contacts of bodies that springs of another stiffness hold to the ground."""
+        held = copy(self)
+        held.catch = catch
+        for kept in ("compiled", "glued"):
+            held.__dict__.pop(kept, None)
+        return held
 
     @cached_property
     def _stiffness_of_bodies(self) -> BodyStiffness:

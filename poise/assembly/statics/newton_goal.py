@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from poise.assembly.statics.deadline import Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts, Stiffness
 from poise.types import Array
 
@@ -13,6 +14,11 @@ _SHORT, _LEAP, _LEAPS, _NEAR = 0.2, 100.0, 3, 1e5
 """A leap is a whole step that leaves up to so many times as much, where the best length is less: a few springs open,
 close or slip back and forth, and short steps do not get beyond that. So many are taken, near an equilibrium: where no
 more than so many times what is enough is left."""
+_NEARLY, _GAINS, _PATIENCE = 1e4, 0.7, 4
+"""With a push, what is left of less than so many times what is enough is given up when so many steps do not lessen
+it."""
+_LITTLE, _AGAIN, _BRIEF = 1e-4, 2, 12
+"""The least damping, and after so many whole steps in a row it is reduced. Of at most so many steps none is damped."""
 
 
 @dataclass(eq=False)
@@ -77,3 +83,38 @@ class Goal:
             self.factor = float(self.push @ rest) / float(self.push @ self.push)
             rest = rest - self.factor * self.push
         return float(np.linalg.norm(rest)), rest
+
+
+def newton_steps(
+    contacts: ElasticContacts, goal: Goal, u: Array, enough: float, steps: int, deadline: Deadline
+) -> tuple[Array, float, int]:
+    """Damped Newton steps towards a goal: the displacement, its merit, and how many steps that took.
+
+    Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
+    bond of the contacts, shortens it. Few steps are asked of a place near a point of the path, which needs none.
+    """
+    damping, step, full = 0.0, 0, 0
+    earlier, stale = np.inf, 0
+    relative = contacts.relative(u)
+    value, rest = goal.merit(contacts, u, relative)
+    for step in range(steps + 1):
+        if step == steps or float(np.linalg.norm(rest)) <= enough or deadline.passed:
+            break
+        if goal.push is not None and value <= _NEARLY * enough:
+            stale = stale + 1 if value > _GAINS * earlier else 0
+            if stale == _PATIENCE:
+                break
+            earlier = min(earlier, value)
+        move, factor = goal.step(contacts.jacobian(relative, goal.bounds, damping), rest), goal.factor
+        length, new, leap = goal.search(contacts, u, relative, move, value, enough)
+        if leap or new < value:
+            u, relative = u + length * move, relative + length * contacts.moved(move)
+            value, rest = goal.merit(contacts, u, relative)
+            full = full + 1 if length == 1 and not leap else 0
+            if full >= _AGAIN or (full and damping <= _LITTLE):
+                damping = damping / 10 if damping > 1e-7 else 0.0
+        else:
+            goal.factor, damping, full = factor, max(10 * damping, _LITTLE), 0
+            if damping > 10 or (goal.push is not None and steps <= _BRIEF):
+                break
+    return u, value, step
