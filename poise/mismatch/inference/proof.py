@@ -200,7 +200,9 @@ def allowed_excess(problem: Problem) -> float:
 def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     recorded = problem.recorded
-    if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + allowed_excess(problem):
+    # What the curve leaves on samples outside the fit is no reason for it.
+    left = max(proof.error_with**2, 1.0)
+    if isinstance(part.effect, Dependence) and proof.error_without**2 - left <= allowed_excess(problem):
         return "the residual is within the noise without it"
     if (
         isinstance(part.effect, Dependence)
