@@ -91,8 +91,7 @@ class HangingRope(LoadFault):
 class WarmingGain(SensorFault):
     """The sensor's gain follows its temperature, which rises as it warms up; size: relative."""
 
-    name, usual, largest, library, stage = "warming_gain", 0.06, 0.5, False, 3
-    accept = ("gain_drift",)
+    name, usual, largest, library, stage = "gain_drift", 0.06, 0.5, False, 3
 
     @classmethod
     def random(cls, scene: Scene, track: Track, rng: np.random.Generator) -> dict[str, Any]:
