@@ -93,9 +93,12 @@ def test_a_name_in_whose_place_a_free_curve_wins_far_more_evidence_is_no_likelie
 
 
 @pytest.mark.parametrize(
-    ("name", "rival", "shares"), [("low_pass", "clock_offset", True), ("low_pass", "slosh", False)]
+    ("name", "rival", "shares"),
+    [("low_pass", "clock_offset", True), ("low_pass", "slosh", False), ("gain_drift", "mass_leak", True)],
 )
-def test_of_a_delay_and_a_filter_with_equal_evidence_none_is_preferred(name: str, rival: str, shares: bool) -> None:
+def test_of_a_delay_and_a_filter_with_equal_evidence_none_is_preferred_and_a_rare_cause_not_either(
+    name: str, rival: str, shares: bool
+) -> None:
     one, other = effect_named(name), effect_named(rival)
     assert one is not None
     assert other is not None

@@ -160,6 +160,8 @@ class Effect(ABC):
         most: how many of its kind a model may have.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
+        preferred: a rival that does as well is less likely, as the search takes the simplest; False for a cause that is
+            rarer than its rivals, and simpler.
         delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
         late: derived quantity, s, by which wrenches are late at the end: less than the tolerance of the clock is no
             finding; "" for an effect that does not make them late by and by.
@@ -192,6 +194,7 @@ class Effect(ABC):
     general: ClassVar[bool] = False
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
+    preferred: ClassVar[bool] = True
     delay: ClassVar[str] = ""
     late: ClassVar[str] = ""
     turn: ClassVar[str] = ""

@@ -18,6 +18,7 @@ class GainDrift(Drift):
     excited_by = "a load that turns or moves, at the start and at the end"
     confused_with = ("bias_drift", "mass_leak", "sensor_creep", "sensor_gain", "payload_parameters")
     needs = ("load",)
+    preferred = False
 
     def changes(self) -> Sequence[EffectParameter]:
         return [EffectParameter("gain", "", 0.03, low=-0.5, high=0.5)]
