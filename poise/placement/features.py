@@ -5,9 +5,8 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from scipy.spatial import ConvexHull
 
-from poise.assembly.scene import Polyhedron, Shape, merge_facets
+from poise.assembly.scene import Polyhedron, Shape, hull_of
 from poise.geometry import cross, plane_axes, unit
 from poise.types import Array, Indices, Mask
 
@@ -122,7 +121,7 @@ class ContactFeatures:
         polyhedron = shape.polyhedron
         middle = np.asarray(shape.centroid if com is None else com)
         faces = _faces(polyhedron, middle, steady=False) if not polyhedron.convex else []
-        faces += _faces(_hull(polyhedron), middle, steady=True)
+        faces += _faces(hull_of(polyhedron), middle, steady=True)
         faces.sort(key=lambda face: (not face.steady, -face.area))
         return cls(tuple(faces), tuple(convex_edges(polyhedron)), middle)
 
@@ -138,20 +137,8 @@ def steady_faces(shape: Shape, com: Array) -> list[Face]:
         shape: in the object frame.
         com: (3,) m.
     """
-    faces = [face for face in _faces(_hull(shape.polyhedron), com, steady=True) if face.steady]
+    faces = [face for face in _faces(hull_of(shape.polyhedron), com, steady=True) if face.steady]
     return sorted(faces, key=lambda face: -face.area)
-
-
-def _hull(polyhedron: Polyhedron) -> Polyhedron:
-    if polyhedron.convex:
-        return polyhedron
-    hull = ConvexHull(polyhedron.vertices)
-    used, triangles = np.unique(hull.simplices, return_inverse=True)
-    vertices, triangles = polyhedron.vertices[used], triangles.reshape(-1, 3).astype(np.int64)
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    inwards = np.einsum("ij,ij->i", cross(b - a, c - a), hull.equations[:, :3]) < 0
-    triangles[inwards] = triangles[inwards][:, ::-1]
-    return merge_facets(vertices, triangles)
 
 
 def _faces(polyhedron: Polyhedron, com: Array, steady: bool) -> list[Face]:

@@ -1,10 +1,11 @@
 """What an assembly is made of: rigid objects with their shapes, friction and gravity, and the files they come from.
 
-- `shapes`, `mesh_files`: boxes, cylinders, spheres and closed meshes as polyhedra.
+- `shapes`, `mesh_files`, `hulls`: boxes, cylinders, spheres and closed meshes as polyhedra, and their convex hulls.
 - `scene`: `RigidObject`, `FrictionPair` and `Assembly`. `scene_files`: YAML in and out.
 - `plausibility`: what in a scene is probably wrong.
 """
 
+from poise.assembly.scene.hulls import hull_of
 from poise.assembly.scene.mesh_files import load_mesh
 from poise.assembly.scene.plausibility import MATTER, SceneFinding, scene_findings
 from poise.assembly.scene.scene import ROLLING, Assembly, FrictionPair, RigidObject, check_density
@@ -17,7 +18,7 @@ from poise.assembly.scene.scene_files import (
     with_pose_covariance,
     write_scene,
 )
-from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, Sphere, merge_facets
+from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, Sphere
 
 __all__ = [
     "MATTER",
@@ -33,9 +34,9 @@ __all__ = [
     "Shape",
     "Sphere",
     "check_density",
+    "hull_of",
     "load_mesh",
     "load_scene",
-    "merge_facets",
     "pose_covariance_of",
     "read_object",
     "read_scene",

@@ -1,15 +1,10 @@
 """Planes that keep bodies apart which do not rest flat on each other."""
 
-from collections.abc import Hashable
-from functools import lru_cache
-from typing import cast
-
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from poise.assembly.scene import Polyhedron, RigidObject, Shape, merge_facets
+from poise.assembly.scene import RigidObject, hull_of
 from poise.assembly.settling.rows import DistanceRows
-from poise.geometry import Pose, cross
+from poise.geometry import Pose
 from poise.types import Array, Indices, Mask
 
 _CORNERS = 4
@@ -36,7 +31,7 @@ def keep_apart(
     """
     corners, normals, offsets = [], [], []
     for item, rotation, translation in zip(items, poses.rotation, poses.translation, strict=True):
-        shape = _outside(cast(Hashable, item.shape))
+        shape = hull_of(item.shape.polyhedron)
         corners.append(shape.vertices @ rotation.T + translation)
         first = [triangles[0, 0] for triangles in shape.facet_triangles]
         normals.append(shape.normals @ rotation.T)
@@ -60,20 +55,6 @@ def keep_apart(
     return _rows(items, parted)
 
 
-@lru_cache(maxsize=512)
-def _outside(shape: Hashable) -> Polyhedron:
-    """The surface of a convex shape, or of the convex hull of another."""
-    surface = cast(Shape, shape).polyhedron
-    if surface.convex:
-        return surface
-    hull = ConvexHull(surface.vertices)
-    a, b, c = np.moveaxis(surface.vertices[hull.simplices], 1, 0)
-    inwards = np.einsum("ij,ij->i", cross(b - a, c - a), hull.equations[:, :3]) < 0
-    triangles = np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
-    used, numbers = np.unique(triangles, return_inverse=True)
-    return merge_facets(surface.vertices[used], numbers.reshape(-1, 3))
-
-
 def _best(normals: Array, offsets: Array, corners: Array) -> tuple[float, int]:
     """The largest distance, m, by which all corners are over one of the planes, and its number."""
     distances = (normals @ corners.T).min(axis=1) - offsets
@@ -85,7 +66,7 @@ def _rows(items: tuple[RigidObject, ...], parted: list[tuple[int, int, int, Indi
     """The lowest corners of other bodies over a facet of a base, for (base, facet, other, corners) each."""
     if not parted:
         return DistanceRows.joined([])
-    counts, shapes = [len(lowest) for *_, lowest in parted], [_outside(cast(Hashable, item.shape)) for item in items]
+    counts, shapes = [len(lowest) for *_, lowest in parted], [hull_of(item.shape.polyhedron) for item in items]
     normals = [shapes[base].normals[facet] for base, facet, *_ in parted]
     origins = [shapes[base].vertices[shapes[base].facet_triangles[facet][0, 0]] for base, facet, *_ in parted]
     return DistanceRows(
