@@ -64,11 +64,10 @@ def look_at(
     chosen = int(np.argmin(apart))
     if len(footprints) == 1:
         return plane, footprints[0], 1, []
-    places = "; ".join(f"({', '.join(f'{value:.3f}' for value in middle)})" for middle in middles)
     why = "where the camera looks" if given is None else "the point or region that was given"
     note = (
-        f"{len(footprints)} objects stand on the table, at {places} m: the one at"
-        f" ({', '.join(f'{value:.3f}' for value in middles[chosen])}) was taken, nearest to {why}; choose by a point"
+        f"{len(footprints)} objects stand on the table, at {_places(middles)} m: the one at"
+        f" {_places(middles[[chosen]])} was taken, nearest to {why}; choose by a point"
     )
     notes = [note, *_divided(footprints, middles, chosen)]
     return plane, footprints[chosen], len(footprints), notes
@@ -79,17 +78,21 @@ def _divided(footprints: Sequence[Footprint], middles: Array, chosen: int) -> li
     here = footprints[chosen]
     around = ndimage.binary_dilation(here.cells, iterations=_BESIDE) & ~here.known
     parts = [
-        f"({', '.join(f'{value:.3f}' for value in middle)})"
-        for number, (other, middle) in enumerate(zip(footprints, middles, strict=True))
+        number
+        for number, other in enumerate(footprints)
         if number != chosen
         and np.count_nonzero(around & ndimage.binary_dilation(other.cells, iterations=_BESIDE)) >= _GAP
     ]
     if not parts:
         return []
     return [
-        f"between it and what is at {'; '.join(parts)} m no view gives any depth: if they are one object, a glossy or"
-        " dark place divides it, and its volume is that of a piece alone; powder it, or cover it with tape"
+        f"between it and what is at {_places(middles[parts])} m no view gives any depth: if they are one object, a"
+        " glossy or dark place divides it, and its volume is that of a piece alone; powder it, or cover it with tape"
     ]
+
+
+def _places(middles: Array) -> str:
+    return "; ".join(f"({', '.join(f'{value:.3f}' for value in middle)})" for middle in middles)
 
 
 def _regard(views: Sequence[View], plane: Plane) -> Array:

@@ -7,7 +7,6 @@ import numpy as np
 
 from poise.mismatch.answer import Diagnosis, SignalDiagnosis
 from poise.mismatch.inference import names, residual_of, state_description
-from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
@@ -60,11 +59,12 @@ def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
     """The residuals of a signal under both models."""
     problem = examination.problem
     effort = problem.recorded.effort if problem.signal == "effort" else None
-    channels = WRENCH_CHANNELS if effort is None else effort.names
-    units = ("N",) * 3 + ("N m",) * 3 if effort is None else tuple(effort.unit("N m", name) for name in channels)
+    units = ("N",) * 3 + ("N m",) * 3 if effort is None else tuple(effort.unit("N m", name) for name in effort.names)
     before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
     after = residual_of(problem, examination.best)
-    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.held_out)
+    return ScaledResiduals(
+        problem.seconds, problem.channels, units, before, after, problem.noise.total, examination.held_out
+    )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import MATERIAL_EXCESS, Problem, allowed_excess, linear_bspline_basis
-from poise.mismatch.recorded import WRENCH_CHANNELS, block_means
+from poise.mismatch.recorded import block_means
 from poise.types import Array
 
 _LOUDER = 1.3
@@ -52,28 +52,26 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
     scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
     energy, free = _energies(problem, residual)
-    excess = excess_of(problem, residual)
+    excess, material = _excess(energy, free), allowed_excess(problem)
     loud = _louder_when_fast(problem, residual)
     rounded = np.broadcast_to((rounding / problem.noise.sigma) ** 2, energy.shape)
-    allowed = allowed_excess(problem) + float(np.mean(rounded))
+    allowed = material + float(np.mean(rounded))
     each = energy / np.maximum(free, 1.0) - 1.0
     worst = int(np.argmax(each - rounded))
-    alone = excess <= allowed and each[worst] - rounded[worst] > allowed_excess(problem) + _ONE_CHANNEL
+    alone = excess <= allowed and each[worst] - rounded[worst] > material + _ONE_CHANNEL
     structured = excess > allowed or loud or alone
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     white = _strongest_correlation(whitened.reshape(residual.shape[1], -1))
-    channel = _channel(problem, worst) if alone else ""
+    channel = problem.channels[worst] if alone else ""
     return ResidualTest(excess, channel, float(each[worst]) if alone else excess, structured, loud, depends, white)
-
-
-def _channel(problem: Problem, number: int) -> str:
-    effort = None if problem.signal == "wrench" else problem.recorded.effort
-    return (WRENCH_CHANNELS if effort is None else effort.names)[number]
 
 
 def excess_of(problem: Problem, residual: Array) -> float:
     """Energy of a residual (N, C) over that of the noise, less one."""
-    energy, free = _energies(problem, residual)
+    return _excess(*_energies(problem, residual))
+
+
+def _excess(energy: Array, free: Array) -> float:
     return float(energy.sum() / max(float(free.sum()), 1.0)) - 1.0
 
 

@@ -37,7 +37,7 @@ from poise.mismatch.inference import (
     variations,
 )
 from poise.mismatch.reading import without
-from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
 FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
@@ -135,8 +135,6 @@ def examined_signal(
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
     unnamed = unclear(named)
     doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
-    effort = None if problem.signal == "wrench" else problem.recorded.effort
-    channels = WRENCH_CHANNELS if effort is None else effort.names
     # With the best model's calibration: a calibration without the findings would be biased by them.
     off = final.measured - final.predicted(final.recorded) - best.calibrated
     return SignalDiagnosis(
@@ -147,7 +145,7 @@ def examined_signal(
         findings=(*(each for each in named if each not in unnamed), *detected),
         unknown=unknown_physics(final, best, rest, undetermined(final, unnamed)),
         residual_test=rest,
-        windows=locate(final.recorded, off, final.noise, channels),
+        windows=locate(final.recorded, off, final.noise, final.channels),
         calibration=calibration_estimates(final, best),
         held_out=held,
         proof=proof,

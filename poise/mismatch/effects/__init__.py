@@ -1,8 +1,8 @@
 """The library of effects: one file for each, discovered in this folder.
 
 - `base`: `Effect`, `EffectParameter`: the base classes of an effect.
-- `drift`, `joint_friction`, `knocks`, `load_changes`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`:
-  shared by several effects.
+- `drift`, `joint_friction`, `knocks`, `load_changes`, `part_motion`, `part_wrench`, `recorded_channels`, `starts`,
+  `accelerometer_input`: shared by several effects.
 - every other file: one effect.
 """
 

@@ -15,7 +15,7 @@ from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.inference.reversals import friction_known
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import RecordedMotion, rounding, wrench_rounding
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, rounding, wrench_rounding
 from poise.types import Array, Mask
 
 _BREAK = 2.0
@@ -115,11 +115,14 @@ class Problem:
     @cached_property
     def measured(self) -> Array:
         """(N, C)."""
-        return (
-            self.recorded.wrench
-            if self.recorded.effort is None or self.signal == "wrench"
-            else self.recorded.effort.measured
-        )
+        recorded = self.recorded
+        return recorded.wrench if recorded.effort is None or self.signal == "wrench" else recorded.effort.measured
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """(C,) names: those of the wrench, or of the joints."""
+        effort = None if self.signal == "wrench" else self.recorded.effort
+        return WRENCH_CHANNELS if effort is None else effort.names
 
     @cached_property
     def active(self) -> Mask:
