@@ -11,7 +11,7 @@ from poise.geometry import cross, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import coarsely, likely_place
 from poise.mismatch.effects.recorded_channels import RecordedChannels
-from poise.mismatch.recorded import RecordedMotion, forces_at
+from poise.mismatch.recorded import RecordedMotion, efforts_alone, forces_at, joint_torques
 from poise.types import Array, Mask
 
 _ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
@@ -39,6 +39,8 @@ those from which the search begins."""
 _SELDOM, _BRIEFLY = 0.2, 0.1
 """Shares of the samples in which a cord is taut, below which a contact is as likely, and likelier: cords of other
 recordings are taut for four tenths of them and more."""
+_MOVES, _SEVERAL, _ALONE = 0.1, 3, 0.9
+"""rad or m from which a joint moves; moving joints beside which one alone is unlikely for a cord; and its share."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
 
@@ -130,8 +132,13 @@ class Cable(Effect):
         return lacking or ("" if way > _LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
 
     def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
-        """A cord that is hardly ever taut pulls as something that is touched pushes: its direction hardly changes."""
-        return ("contact",) if _taut(recorded, values) < _SELDOM else ()
+        """A cord that is hardly ever taut pulls as something that is touched pushes: its direction hardly changes.
+
+        One that loads a single joint of several moving ones acts like something that bends with this joint.
+        """
+        seldom = ("contact",) if _taut(recorded, values) < _SELDOM else ()
+        bends = efforts_alone(recorded) is not None and _on_one_joint(recorded, self.simulate(recorded, values))
+        return (*seldom, "unknown:joint_position") if bends else seldom
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         taut = _taut(recorded, values)
@@ -204,6 +211,16 @@ class _Line:
         found[:, 3:] = cross(self.hook[:, None], found[:, :3], axis=-2)
         found[:, 3:, 4:7] += cross(np.eye(3), (self.tension[:, None] * toward)[:, :, None], axis=-2)
         return found
+
+
+def _on_one_joint(recorded: RecordedMotion, wrench: Array) -> bool:
+    """Whether one of several moving joints alone shows a wrench (N, 6), as a share of what the model leaves there."""
+    track = recorded.effort
+    if track is None or np.count_nonzero(np.ptp(track.position, axis=0) > _MOVES) < _SEVERAL:
+        return False
+    left = np.mean((track.measured - track.prediction) ** 2, axis=0)
+    shares = np.mean(joint_torques(recorded, wrench[:, :, None])[:, :, 0] ** 2, axis=0) / np.maximum(left, 1e-300)
+    return bool(shares.max() > _ALONE * shares.sum())
 
 
 def _taut(recorded: RecordedMotion, values: Values) -> float:

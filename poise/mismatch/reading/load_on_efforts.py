@@ -23,8 +23,6 @@ _EVENTS = ("mass_step", "mass_leak", "contact")
 """Events that happen to the load."""
 _OF_EFFORTS = ("signal", "needs")
 """Attributes that an effect on efforts has of its own."""
-_MOVES, _SEVERAL, _ALONE = 0.1, 3, 0.9
-"""rad or m from which a joint moves; moving joints beside which one alone is unlikely for a cord; and its share."""
 _CALM = 0.05
 """s, one sigma of the filter that removes the noise of a wrench."""
 
@@ -92,20 +90,6 @@ class LoadOnEfforts(_OnEfforts):
         if self.name != "world_force":
             return said
         return said + like_a_turned_base(recorded, self.simulate(recorded, values).mean(axis=0))
-
-    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
-        """A cord that loads one of several moving joints alone acts like something that bends with this joint."""
-        known = super().twins(recorded, values)
-        return (*known, "unknown:joint_position") if self.name == "cable" and self._on_one(recorded, values) else known
-
-    def _on_one(self, recorded: RecordedMotion, values: Values) -> bool:
-        """Whether one of several moving joints alone shows it, as a share of what the model leaves there."""
-        track = recorded.effort
-        if track is None or np.count_nonzero(np.ptp(track.position, axis=0) > _MOVES) < _SEVERAL:
-            return False
-        left = np.mean((track.measured - track.prediction) ** 2, axis=0)
-        shares = np.mean(self.simulate(recorded, values) ** 2, axis=0) / np.maximum(left, 1e-300)
-        return bool(shares.max() > _ALONE * shares.sum())
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         if self._straight(recorded):
