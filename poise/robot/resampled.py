@@ -34,6 +34,9 @@ _NOISY = 2.2
 """Local scatter about a spline that noise alone may cause, in units of its variance."""
 _RINGING = 2.0
 """Knot spacings on either side of a misfit within which a spline rings."""
+_SUDDEN, _FLAT = 4.0, 1.0 / 12.0
+"""Error by sudden changes of the second rate over the noise of a spline, as variances; and the variance of a uniform
+distribution of width 1."""
 _COARSE, _INEXACT = 0.5, 0.03
 """Share of the noise from which on it is that of rounding, and least noise beside that, in steps of the encoder."""
 _OVER = np.sqrt(2 / np.pi)
@@ -154,10 +157,10 @@ class _Blend:
         self._rounded = self._step > _COARSE * np.sqrt(12.0) * self.noise
         self._beside = np.maximum(over / _OVER, _INEXACT) * self._step
         self._score = np.stack([self._local(fit, values, slopes, weight) for fit in self._fits])
-        self._misfits = [self._misfit(fit, values) for fit in self._fits]
         # Much closer knots than the whole signal needs would fit noise where it is locally larger.
         fine = np.array([grid.size for grid in grids])
         self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
+        self._unresolved = [self._misfit(fit, values) + self._sudden(fit) for fit in self._fits]
 
     def _local(self, fit: SplineFit, values: Array, slopes: Array | None, weight: float) -> Array:
         """(M, J) local log likelihood, less `_PRICE` for every coefficient spent nearby."""
@@ -193,7 +196,8 @@ class _Blend:
     def __call__(self, wanted: Array) -> tuple[Array, Array]:
         """(3, N, J) value, rate and second rate, and their one-sigma errors.
 
-        The errors are those by the noise of the samples, the spread of the splines that are averaged, and their misfit.
+        The errors are those by the noise of the samples, the spread of the splines that are averaged, and what they
+        do not resolve.
         """
         score = np.stack([_at(wanted, self._seconds, each) for each in self._score])
         share = np.exp(score - score.max(axis=0))
@@ -201,24 +205,40 @@ class _Blend:
         parts = [np.stack([fit(wanted, order) for order in range(3)]) for fit in self._fits]
         mean = np.asarray(sum(w * part for w, part in zip(share, parts, strict=True)))
         variance = np.zeros(mean.shape)
-        for w, part, fit, misfit in zip(share, parts, self._fits, self._misfits, strict=True):
+        for w, part, fit, unresolved in zip(share, parts, self._fits, self._unresolved, strict=True):
             variance += w * ((part - mean) ** 2 + fit.usual_gains()[:, None, None] * self.noise**2)
-            variance[2] += w * _at(wanted, self._seconds, misfit) ** 2
+            variance[2] += w * _at(wanted, self._seconds, unresolved)
         return mean, np.sqrt(variance)
 
     def _misfit(self, fit: SplineFit, values: Array) -> Array:
-        """(M, J) error of the second rate where a spline cannot follow: beside a jump it overshoots and rings.
+        """(M, J) variance of the second rate where a spline cannot follow: beside a jump it overshoots and rings.
 
         There the samples scatter about the spline by more than their noise. A wave of two knot spacings h and
         amplitude x has the second rate (pi / h)^2 x.
         """
-        half = max(round(fit.grid.spacing / float(np.median(np.diff(self._seconds)))), 1)
+        half = self._samples(fit)
         local = scipy.ndimage.uniform_filter1d((values - fit(self._seconds)) ** 2, 2 * half + 1, axis=0, mode="nearest")
         excess = np.where(local > _NOISY * self.noise**2, local - self.noise**2, 0.0)
-        ringing = scipy.ndimage.maximum_filter1d(
-            np.sqrt(excess), 2 * round(_RINGING * half) + 1, axis=0, mode="nearest"
-        )
-        return np.asarray(ringing * (np.pi / fit.grid.spacing) ** 2)
+        ringing = scipy.ndimage.maximum_filter1d(excess, 2 * round(_RINGING * half) + 1, axis=0, mode="nearest")
+        return np.asarray(ringing * (np.pi / fit.grid.spacing) ** 4)
+
+    def _sudden(self, fit: SplineFit) -> Array:
+        """(M, J) variance of the second rate by changes that may be sudden, as at the corners of a trapezoidal motion.
+
+        Within the noise, a change over one spacing may have happened at once. Where the knots were chosen, errors by
+        that are as large as the noise on average, since closer knots would have won otherwise; they lie where the
+        second rate changes. The closest knots of all had no rival: any moment of their spacing is possible.
+        """
+        half = self._samples(fit) // 2
+        padded = np.pad(fit(self._seconds, 2), ((half, half), (0, 0)), mode="edge")
+        changed = (padded[2 * half :] - padded[: len(padded) - 2 * half]) ** 2
+        noise = fit.usual_gains()[2] * self.noise**2
+        closest = fit is self._fits[-1]
+        return np.asarray(changed * (_SUDDEN * noise / np.maximum(changed.mean(axis=0), 1e-30) + _FLAT * closest))
+
+    def _samples(self, fit: SplineFit) -> int:
+        """Samples between two knots."""
+        return max(round(fit.grid.spacing / float(np.median(np.diff(self._seconds)))), 1)
 
 
 def _at(wanted: Array, seconds: Array, values: Array) -> Array:
