@@ -99,7 +99,10 @@ def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tup
 
 
 def _louder_when_fast(problem: Problem, residual: Array) -> bool:
-    """Whether third differences, which slow changes do not affect, grow with the speed more than the noise may."""
+    """Whether third differences, which slow changes do not affect, grow with the speed more than the noise may.
+
+    Their mean square and their median have to grow: corners of a motion raise a few of them only.
+    """
     noise, block = problem.noise, problem.noise.block
     variance = np.broadcast_to(noise.sigma**2 / block, residual.shape)
     variance = variance if noise.motion is None else variance + noise.motion
@@ -107,12 +110,18 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0)) / np.sqrt(20.0 * level)
     # Limited readings have no noise.
     free = sliding_window_view(block_means(problem.free, block), 4, axis=0).min(axis=-1) == 1.0
-    energy = np.where(free, np.clip(fast, 0.0, 8.0) ** 2, 0.0).sum(axis=1)
     slow, quick = np.quantile(speed, [0.3, 0.7])
     if quick - slow < 0.1:
         return False
-    before, after = (energy[at].sum() / max(free[at].sum(), 1) for at in (speed <= slow, speed >= quick))
-    return bool(np.sqrt(after) > _LOUDER * np.sqrt(before) > 0.0)
+    halves = [np.clip(fast[at][free[at]], 0.0, 8.0) for at in (speed <= slow, speed >= quick)]
+    if min(map(len, halves)) == 0:
+        return False
+    sizes = ([float(measure(half)) for half in halves] for measure in (_root_mean_square, np.median))
+    return all(after > _LOUDER * before for before, after in sizes)
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _strongest_correlation(whitened: Array) -> float:
