@@ -11,6 +11,7 @@ from test_proof import Pull, pulled
 from poise.mismatch import diagnose
 from poise.mismatch.answer import NamedEffect, effects_called
 from poise.mismatch.answer.belief import BeliefBasis, EffectBelief
+from poise.mismatch.answer.residual_test import judge_residual
 from poise.mismatch.answer.unknown_physics import likelihoods, unclear, undetermined
 from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
@@ -40,6 +41,17 @@ def test_a_gap_ends_the_comparison_for_a_moment():
     assert problem.active[(problem.seconds > 3.4) & (problem.seconds < 6.0)].all()
     whole = wrench_problem(recorded, NominalModel(phi=recorded.phi))
     assert whole.active[(whole.seconds > 3.0) & (whole.seconds < 3.4)].all()
+
+
+@pytest.mark.parametrize(("share", "factor", "louder"), [(1.0, 1.0, False), (1.0, 2.0, True), (0.1, 6.0, False)])
+def test_noise_that_grows_with_the_speed_grows_in_most_samples(share: float, factor: float, louder: bool):
+    """At the corners of a motion its own errors raise a few samples only."""
+    recorded = make_case(3, duration=12.0).recorded()
+    problem, rng = wrench_problem(recorded, NominalModel(phi=recorded.phi)), np.random.default_rng(2)
+    residual = rng.normal(size=recorded.wrench.shape) * problem.noise.sigma
+    quick = problem.noise.speed > np.quantile(problem.noise.speed, 0.6)
+    residual[quick & (rng.random(len(quick)) < share)] *= factor
+    assert judge_residual(problem, residual, residual.T).louder == louder
 
 
 def test_a_sensor_that_is_turned_far_is_found_from_the_description():
