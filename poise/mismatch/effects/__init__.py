@@ -15,11 +15,13 @@ from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.external_vibration import ExternalVibration
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
+    bristles,
     in_model,
     joint_unit,
     laws_of_dry_friction,
     like_a_turned_base,
     numbered_joints,
+    path_of_joints,
 )
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
@@ -44,6 +46,7 @@ __all__ = [
     "Values",
     "all_effects",
     "at_ends",
+    "bristles",
     "effect_named",
     "exceeded",
     "in_model",
@@ -53,6 +56,7 @@ __all__ = [
     "like_a_turned_base",
     "limited_readings",
     "numbered_joints",
+    "path_of_joints",
     "rotation_columns",
     "slow_part",
     "tilt_columns",

@@ -71,13 +71,18 @@ def presliding_sense(recorded: RecordedMotion, values: Values) -> Array:
     dy/dx = (sign(dx) - y) / d, with the distance d of each joint (Dahl 1976, "Solid friction damping of mechanical
     vibrations"; de Wit et al. 1995 with stiff bristles), exact between samples; y = 0 at the first.
     """
-    path = recorded.once("path of the joints", lambda: _path(efforts(recorded)))
-    kept = np.exp(-np.abs(path) / of_joints(recorded, values, "presliding"))
+    path = recorded.once("path of the joints", lambda: path_of_joints(efforts(recorded)))
+    return bristles(path, of_joints(recorded, values, "presliding"))
+
+
+def bristles(path: Array, distances: Array) -> Array:
+    """(M, J) how bristles bend along a path (M - 1, J), each joint with its distance (J,); see `presliding_sense`."""
+    kept = np.exp(-np.abs(path) / distances)
     added = np.vstack([np.zeros((1, path.shape[1])), (1.0 - kept) * np.sign(path)])
     return np.hstack([accumulated(*pair) for pair in zip(kept.T, np.hsplit(added, path.shape[1]), strict=True)])
 
 
-def _path(track: EffortTrack) -> Array:
+def path_of_joints(track: EffortTrack) -> Array:
     """(M - 1, J) rad or m that each joint moves between samples, 0 where it stands still."""
     usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)
     return np.where(np.abs(track.velocity[1:]) > _STILL * usual, np.diff(track.position, axis=0), 0.0)

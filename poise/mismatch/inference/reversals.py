@@ -2,11 +2,13 @@
 
 Friction that is soft reverses within a speed that is proportional to it and to the lightness of the joint (see
 `soft_sense`): a rotor or a load changes the reversals of friction that both recordings have. The same holds beside the
-friction that a model states, whose ramp is not known. A difference of two ramps vanishes at speed, unlike friction.
+friction that a model states: the real one may be sharper, or reverse along bristles. A difference of two reversals
+vanishes at speed, unlike friction.
 """
 
 import numpy as np
 
+from poise.mismatch.effects import bristles, path_of_joints
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array
 
@@ -16,6 +18,8 @@ _SLOW = 0.5
 """Share of the usual speed of a joint up to which ramps are looked for: longer ones are no reversals."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
+_DISTANCES = np.geomspace(1e-4, 0.03, 5)
+"""rad or m, along which bristles bend after a reversal."""
 
 
 def friction_known(track: EffortTrack) -> bool:
@@ -24,13 +28,14 @@ def friction_known(track: EffortTrack) -> bool:
 
 
 def reversal_columns(track: EffortTrack) -> Array:
-    """(M, J) of each joint the difference of two ramps that explains most of its residual beside smooth functions.
+    """(M, J) of each joint the difference of two reversals that explains most of its residual beside smooth functions.
 
     One unit is twice what least squares give: one sigma of a normal prior.
     """
     residual = track.measured - track.prediction
     turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
-    found = np.zeros_like(residual)
+    path, found = path_of_joints(track), np.zeros_like(residual)
+    bent = [bristles(path, np.full(path.shape[1], distance)) for distance in _DISTANCES]
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
         ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
@@ -38,25 +43,20 @@ def reversal_columns(track: EffortTrack) -> Array:
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
-        found[:, joint] = _likeliest(velocity, acceleration, ramps, beside, residual[:, joint])
+        soft = [np.clip((velocity + lead * acceleration) / ramp, -1.0, 1.0) for lead in _LEADS for ramp in ramps]
+        laws = np.column_stack([*soft, *(each[:, joint] for each in bent)])
+        found[:, joint] = _likeliest(laws, beside, residual[:, joint])
     return found
 
 
-def _likeliest(velocity: Array, acceleration: Array, ramps: Array, beside: Array, residual: Array) -> Array:
-    """(M,) the difference of two ramps of one joint."""
+def _likeliest(laws: Array, beside: Array, residual: Array) -> Array:
+    """(M,) the difference of two laws (M, L) by which the friction of one joint reverses."""
     smooth = np.linalg.qr(beside)[0]
-    left = residual - smooth @ (smooth.T @ residual)
-    best, column = 0.0, np.zeros(len(residual))
-    for lead in _LEADS:
-        soft = np.clip((velocity + lead * acceleration)[:, None] / ramps, -1.0, 1.0)
-        own = soft - smooth @ (smooth.T @ soft)
-        across, products = own.T @ left, own.T @ own
-        squares = np.diag(products)
-        size = squares[:, None] + squares - 2.0 * products
-        likely = across[:, None] - across
-        won = likely**2 / np.maximum(size, 1e-6 * len(residual))
-        i, j = np.unravel_index(int(np.argmax(won)), won.shape)
-        if won[i, j] > best:
-            best = float(won[i, j])
-            column = 2.0 * likely[i, j] / max(float(size[i, j]), 1e-9) * (soft[:, i] - soft[:, j])
-    return column
+    left, own = residual - smooth @ (smooth.T @ residual), laws - smooth @ (smooth.T @ laws)
+    across, products = own.T @ left, own.T @ own
+    squares = np.diag(products)
+    size = squares[:, None] + squares - 2.0 * products
+    likely = across[:, None] - across
+    won = likely**2 / np.maximum(size, 1e-6 * len(residual))
+    i, j = np.unravel_index(int(np.argmax(won)), won.shape)
+    return np.asarray(2.0 * likely[i, j] / max(float(size[i, j]), 1e-9) * (laws[:, i] - laws[:, j]))

@@ -9,7 +9,7 @@ from effect_worlds import effort_world, filled
 
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.base import EffectParameter
-from poise.mismatch.effects.joint_friction import SOFT, likely_reversals
+from poise.mismatch.effects.joint_friction import PRESLIDING, SOFT, likely_reversals
 from poise.mismatch.inference import effort_problem
 from poise.mismatch.inference.reversals import friction_known, reversal_columns
 from poise.mismatch.reading import NominalModel
@@ -83,6 +83,19 @@ def test_friction_that_only_reverses_otherwise_is_explained_without_a_change() -
     assert ((left**2).sum(axis=0) < 0.2 * (off**2).sum(axis=0))[seen].all()
     fast = np.abs(track.velocity) > 0.45
     assert np.abs(found[fast]).max() < 1e-9
+
+
+def test_a_model_of_soft_friction_beside_bristles_is_a_difference_of_reversals() -> None:
+    """MuJoCo's friction loss is soft in speed with a lead; that of a drive reverses along a path."""
+    at, effect = effort_world(), effect_named("coulomb_friction")
+    torques = {f"torque_{i}": f for i, f in enumerate(FRICTION, 1)}
+    engine = torques | ramps() | {"law": SOFT, "lead": LEAD}
+    drive = torques | {f"presliding_{i}": 1e-3 for i in range(1, 7)} | {"law": PRESLIDING}
+    off = effect.simulate(at, filled(effect, at, drive)) - effect.simulate(at, filled(effect, at, engine))
+    found = reversal_columns(replace(at.effort, measured=at.effort.prediction + off))
+    seen = np.abs(off).max(axis=0) > 0.1
+    assert seen.sum() >= 4
+    assert (((off - 0.5 * found) ** 2).sum(axis=0) < 0.25 * (off**2).sum(axis=0))[seen].all()
 
 
 def test_the_law_of_engines_is_tried_after_all_others() -> None:
