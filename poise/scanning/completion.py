@@ -93,18 +93,12 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     low = np.append(placed[:, :2].min(axis=0) - 2 * cell, 0.0)
     shape = np.ceil((placed.max(axis=0) - low) / cell).astype(int) + np.array([3, 3, 1])
     column = np.floor((placed - low) / cell).astype(int)
-    top = np.full(shape[:2], -1)
-    np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
-    covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
-    roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
-    dark = covered & (roof < 0)  # far from all that was seen, and inside of it
-    roof = np.where(dark, top.max(), roof)
-    above = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
+    above, inside = _below_roof(column, shape)
     solid, open_ = _carved(above, views, axes, plane.offset, low, cell)
     free = low + cell * (np.argwhere(open_) + 0.5)
     free = free[np.isfinite(cKDTree(placed).query(free, distance_upper_bound=_AIR_NEAR * cell)[0])]
     seen = placed, surface.normals @ axes.T
-    sunk, heap = _without_heaps(solid, column, seen, (covered, dark), low, cell)
+    sunk, heap = _without_heaps(solid, column, seen, inside, low, cell)
     air = underside(solid, seen, footprint.floor, low, cell)
     solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
@@ -123,7 +117,27 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, air, low, cell)
     in_world, free = ((places + np.array([0, 0, plane.offset])) @ axes for places in (points, free))
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint, placed, sunk, low, cell), covers, free)
+    known = _unknown(footprint, placed, sunk, low, cell), covers
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, *known, free)
+
+
+def _below_roof(column: Indices, shape: Indices) -> tuple[Mask, tuple[Mask, Mask]]:
+    """Cells (X, Y, Z) inside the outline that are not above what was seen.
+
+    Args:
+        column: (N, 3) cells of the points that were seen.
+        shape: (3,) numbers of cells.
+
+    Returns:
+        The cells; (X, Y) columns inside the outline; and those of them that are far from all that was seen.
+    """
+    top = np.full(shape[:2], -1)
+    np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
+    covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
+    roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
+    dark = covered & (roof < 0)
+    roof = np.where(dark, top.max(), roof)
+    return covered[..., None] & (np.arange(shape[2]) <= roof[..., None]), (covered, dark)
 
 
 def _carved(

@@ -46,7 +46,7 @@ def floors(tops: Array, level: Mask, guessed: Mask, cell: float) -> Array:
         cell: m, size of the columns.
     """
     found = tops.copy()
-    shadows, count = ndimage.label(guessed)
+    shadows, _ = ndimage.label(guessed)
     for number, part in enumerate(ndimage.find_objects(shadows), 1):
         if np.count_nonzero(shadows[part] == number) < _LEAST:
             continue

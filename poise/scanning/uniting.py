@@ -6,6 +6,7 @@ and flying pixels may connect two. In the fused surface the shaft is there, and 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -44,8 +45,13 @@ def united(
         for members in _connected(len(own), _same_surface(views, own, voxel)) if len(own) > 1 else [[0]]:
             numbers = [group[member] for member in members]
             sizes = [np.count_nonzero(footprints[number].cells) for number in numbers]
-            found.append((sum(sizes), _union([footprints[number] for number in numbers]),
-                          np.average(middles[numbers], axis=0, weights=sizes)))
+            found.append(
+                (
+                    sum(sizes),
+                    _union([footprints[number] for number in numbers]),
+                    np.average(middles[numbers], axis=0, weights=sizes),
+                )
+            )
     found.sort(key=lambda one: -one[0])
     return [one for _, one, _ in found], np.array([middle for *_, middle in found])
 
@@ -89,7 +95,7 @@ def _pairs(owners: Indices) -> list[tuple[int, int]]:
     """Neighbouring pairs of the pieces that have enough points of one surface."""
     numbers, counts = np.unique(owners[owners >= 0], return_counts=True)
     kept = numbers[counts >= _FEWEST].tolist()
-    return list(zip(kept[:-1], kept[1:], strict=True))
+    return list(pairwise(kept))
 
 
 def _union(footprints: Sequence[Footprint]) -> Footprint:
