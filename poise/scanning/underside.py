@@ -122,7 +122,8 @@ def _plate(covered: Mask, heights: Array, fixed: tuple[Mask, Mask], tops: Array)
     """(X, Y) heights between those that are fixed, and how far an even load of 1 pulls them down.
 
     The plate is cut where the tops (X, Y), in steps, jump: a shelf between walls goes on below its own top. Where no
-    column of such a part stands, but others do, the walls carry it.
+    column of such a part stands, but others do, the walls carry it. What was seen of an edge ends above its underside,
+    less so in the lowest of neighbouring columns: nothing else pulls a plate down that is cut.
 
     Args:
         covered: (X, Y) columns of the object.
@@ -132,9 +133,11 @@ def _plate(covered: Mask, heights: Array, fixed: tuple[Mask, Mask], tops: Array)
     """
     number = np.cumsum(covered.ravel()).reshape(covered.shape) - 1
     count = int(covered.sum())
-    pairs = [np.zeros((2, 0), int)]
+    pairs, cut = [np.zeros((2, 0), int)], False
     for axis, (one, other) in enumerate(((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:]))):
-        both = covered[one] & covered[other] & ~_steps(covered, tops, axis)
+        steps = covered[one] & covered[other] & _steps(covered, tops, axis)
+        cut |= bool(steps.any())
+        both = covered[one] & covered[other] & ~steps
         pairs.append(np.stack([number[one][both], number[other][both]]))
     i, j = np.concatenate(pairs, axis=1)
     ones = np.ones(2 * len(i))
@@ -146,7 +149,8 @@ def _plate(covered: Mask, heights: Array, fixed: tuple[Mask, Mask], tops: Array)
     carried = stands.any() & (np.bincount(part, stands) == 0) & (np.bincount(part, hovers) > 0)
     pull = np.where(carried[part], _CARRIED, _PULL)
     system = bend @ bend + _TENSION * bend + diags_array(known + pull)
-    right = np.stack([known * heights[covered], 1.0 - known], axis=1)
+    edges = _lowest_beside(np.where(fixed[1], heights, np.inf), tops, 1.0)[covered]
+    right = np.stack([known * np.where(cut & hovers, edges, heights[covered]), 1.0 - known], axis=1)
     solved = splu(system.tocsc()).solve(right)
     answer = np.zeros((2, *covered.shape))
     answer[:, covered] = solved.T
