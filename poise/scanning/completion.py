@@ -12,6 +12,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from poise.scanning.floors import continued, floors
 from poise.scanning.frames import View
 from poise.scanning.fusion import BAND, Surface, fewest_views
 from poise.scanning.looking import each, lookup
@@ -36,6 +37,8 @@ _UNDERSIDE = -0.7
 _STANDING, _GUESSED, _FAR = 0.5e-3, 1.3e-3, 0.5
 """m, one sigma of a bottom around which the surface was seen down to the table, and of anything else; and what each m
 to the nearest point that was seen adds on the sides: chosen on the random things of benchmarks/sweep_objects.py."""
+_HEAP = 0.25
+"""Of the height of a shadow that was taken off a floor: one sigma of the floor."""
 _AIR_NEAR = 3.0
 """Cells from a seen point, within which it is kept where views look through: larger gaps are found without that."""
 _FOOT, _BESIDE = 0.6e-3, 5
@@ -90,32 +93,51 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     low = np.append(placed[:, :2].min(axis=0) - 2 * cell, 0.0)
     shape = np.ceil((placed.max(axis=0) - low) / cell).astype(int) + np.array([3, 3, 1])
     column = np.floor((placed - low) / cell).astype(int)
-    top = np.full(shape[:2], -1)
-    np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
-    covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
-    roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
-    above = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
+    above, inside = _below_roof(column, shape)
     solid, open_ = _carved(above, views, axes, plane.offset, low, cell)
     free = low + cell * (np.argwhere(open_) + 0.5)
     free = free[np.isfinite(cKDTree(placed).query(free, distance_upper_bound=_AIR_NEAR * cell)[0])]
     seen = placed, surface.normals @ axes.T
+    sunk, heap = _without_heaps(solid, column, seen, inside, low, cell)
     air = underside(solid, seen, footprint.floor, low, cell)
     solid &= low[2] + cell * (np.arange(shape[2]) + 0.5) > air[..., None]
     solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
     points, normals = _faces(solid, low, cell)
     points[points[:, 2] < 0.5 * cell, 2] = 0.0
     hanging = _on_underside(points, normals, air, low, cell)
+    heaps = _on_floor(points, normals, sunk, heap, low, cell)
     hidden = ~_seen_already(points, normals, *seen, cell)
     sides = normals[:, 2] > _UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
     area = float(np.sum(hidden)) * cell**2
     off = _doubts(points[hidden], normals[hidden], seen, footprint.floor, low, cell)
     off = np.where(hanging[hidden], np.maximum(_GUESSED, points[hidden, 2] / 2), off)
+    off = np.maximum(off, _HEAP * heaps[hidden])
     doubts = float(off.sum()) * cell**2, float(np.count_nonzero(solid)) * cell**3
     points, normals, off = _under_thin(points[hidden], normals[hidden], off, seen, air, low, cell)
     in_world, free = ((places + np.array([0, 0, plane.offset])) @ axes for places in (points, free))
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, _unknown(footprint), covers, free)
+    known = _unknown(footprint, placed, sunk, low, cell), covers
+    return Completed(in_world, normals @ axes, off, *doubts, area, *shares, *known, free)
+
+
+def _below_roof(column: Indices, shape: Indices) -> tuple[Mask, tuple[Mask, Mask]]:
+    """Cells (X, Y, Z) inside the outline that are not above what was seen.
+
+    Args:
+        column: (N, 3) cells of the points that were seen.
+        shape: (3,) numbers of cells.
+
+    Returns:
+        The cells; (X, Y) columns inside the outline; and those of them that are far from all that was seen.
+    """
+    top = np.full(shape[:2], -1)
+    np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
+    covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
+    roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
+    dark = covered & (roof < 0)
+    roof = np.where(dark, top.max(), roof)
+    return covered[..., None] & (np.arange(shape[2]) <= roof[..., None]), (covered, dark)
 
 
 def _carved(
@@ -223,7 +245,62 @@ def _columns(points: Array, low: Array, cell: float, shape: tuple[int, ...]) -> 
     return tuple(np.floor((points[:, :2] - low[:2]) / cell).astype(int).clip(0, np.array(shape) - 1).T)
 
 
-def _unknown(footprint: Footprint) -> float:
-    """m2 around and inside the footprint that no view covers."""
+def _without_heaps(
+    solid: Mask, column: Indices, seen: tuple[Array, Array], inside: tuple[Mask, Mask], low: Array, cell: float
+) -> tuple[Array, Array]:
+    """Take the shadows of walls off the floors of hollows, and all of them where no floor continues far inside.
+
+    Args:
+        solid: (X, Y, Z) cells that may be object; those of shadows are removed.
+        column: (N, 3) cells of the points that were seen.
+        seen: (N, 3) m, the points, and their normals.
+        inside: (X, Y) columns inside the outline, and those of them that are far from all that was seen.
+        low, cell: m, corner of the first cell, and size of cells.
+
+    Returns:
+        (X, Y) m: the floor in columns that were changed, else infinity; and how much was taken off.
+    """
+    there, facing = seen
+    whole = solid.copy()
+    whole[column[:, 0], column[:, 1], column[:, 2]] = True
+    layers = np.arange(solid.shape[2])
+    highest = np.where(whole, layers, -1).max(axis=2)
+    tops = np.where(highest >= 0, low[2] + cell * (highest + 1.0), -np.inf)
+    index = np.argwhere(highest >= 0)
+    faces = np.column_stack([low[:2] + cell * (index + 0.5), tops[highest >= 0]])
+    guessed = np.zeros(highest.shape, bool)
+    guessed[tuple(index.T)] = ~_seen_already(faces, np.tile([0.0, 0.0, 1.0], (len(faces), 1)), *seen, cell)
+    upward = facing[:, 2] > -_UNDERSIDE
+    upward &= there[:, 2] > tops[column[:, 0], column[:, 1]] - 2 * cell
+    shown = np.full(highest.shape, -np.inf)
+    np.maximum.at(shown, (column[upward, 0], column[upward, 1]), there[upward, 2])
+    level = np.isfinite(shown) & ~guessed
+    covered, dark = inside
+    table = covered & (highest < 0)
+    heights = np.where(level, shown, np.where(table, 0.0, tops))
+    found = floors(*continued(heights, level | table, ~guessed & (highest >= 0), cell), guessed, cell)
+    taken = np.zeros(tops.shape)
+    taken[guessed] = tops[guessed] - found[guessed]
+    floor = np.where(taken > 0, found, np.inf)
+    solid &= (low[2] + cell * (layers + 0.5) < floor[..., None]) & ~(dark & (taken <= 0))[..., None]
+    return floor, taken
+
+
+def _on_floor(points: Array, normals: Array, floor: Array, heap: Array, low: Array, cell: float) -> Array:
+    """(F,) m that were taken off over the faces (F, 3) of floors that no view saw; these are moved to their height."""
+    column = _columns(points, low, cell, floor.shape)
+    height = floor[column]
+    lies = (normals[:, 2] > -_UNDERSIDE) & (np.abs(points[:, 2] - height) <= cell)
+    points[lies, 2] = height[lies]
+    return np.where(lies, heap[column], 0.0)
+
+
+def _unknown(footprint: Footprint, seen: Array, floor: Array, low: Array, cell: float) -> float:
+    """m2 around and inside the footprint of which nothing is known: no seen point (N, 3) m, no pixels, no floor."""
     around = ndimage.binary_dilation(footprint.cells, iterations=2)
-    return float(np.count_nonzero(around & ~footprint.known)) * CELL**2
+    known = footprint.known.copy()
+    under = low[:2] + cell * (np.argwhere(np.isfinite(floor)) + 0.5)
+    column = np.floor((np.concatenate([seen[:, :2], under]) - footprint.low) / CELL).astype(int)
+    column = column[np.all((column >= 0) & (column < known.shape), axis=1)]
+    known[column[:, 0], column[:, 1]] = True
+    return float(np.count_nonzero(around & ~known)) * CELL**2

@@ -19,8 +19,8 @@ from poise.scanning.options import DEFAULT_SCAN, ScanOptions
 from poise.scanning.placing import Sweep
 from poise.scanning.pose_doubt import SurfaceDoubt, pose_doubt
 from poise.scanning.shared_errors import Delayed, Path, without_shared, words_of
-from poise.scanning.support import Plane, objects_on
-from poise.scanning.table_top import check_depth, look_at, regarded, table_of, up_of
+from poise.scanning.support import Plane
+from poise.scanning.table_top import check_depth, look_at, table_of, things_on, up_of
 from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
 from poise.types import Array, Cancelled, Mask, Progress
 
@@ -278,7 +278,7 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
     """
     check_depth(views, options)
     points, plane = table_of(views, options)
-    return objects_on(regarded(points, plane, options), plane)[1]
+    return things_on(views, points, plane, options)[1]
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:

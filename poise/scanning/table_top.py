@@ -10,6 +10,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import coarse_points
 from poise.scanning.options import ScanOptions
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
+from poise.scanning.uniting import united
 from poise.types import Array
 
 _LEAST_DEPTH = 0.05
@@ -52,12 +53,29 @@ def up_of(options: ScanOptions) -> Array:
     return np.asarray(np.array(options.up) / np.linalg.norm(options.up))
 
 
+def things_on(
+    views: Sequence[View], points: Array, plane: Plane, options: ScanOptions
+) -> tuple[list[Footprint], Array]:
+    """What stands on the table, the largest first, and (K, 3) m of their middles.
+
+    Args:
+        views: that see it.
+        points: (N, 3) m, some of all views.
+        plane: the table.
+        options: with the region.
+
+    Raises:
+        InputError: EMPTY when nothing does, or nothing is in the region.
+    """
+    return united(views, *objects_on(regarded(points, plane, options), plane), options.voxel)
+
+
 def look_at(
     views: Sequence[View], options: ScanOptions, table: tuple[Array, Plane] | None = None
 ) -> tuple[Plane, Footprint, int, list[str]]:
     """The table, which may be known, the object's place on it, how many stand there, and notes."""
     points, plane = table or table_of(views, options)
-    footprints, middles = objects_on(regarded(points, plane, options), plane)
+    footprints, middles = things_on(views, points, plane, options)
     given = options.near if options.near is not None or options.region is None else options.region[:3]
     wanted = _regard(views, plane) if given is None else np.array(given)
     apart = np.linalg.norm((middles - wanted) @ plane.axes[:2].T, axis=1)

@@ -51,3 +51,23 @@ def test_free_cells_at_the_rim_of_a_plate_on_the_table_are_no_air() -> None:
     walls = np.stack([X[EDGE], Y[EDGE], np.full(EDGE.sum(), 3.5e-3)], axis=1)
     air = underside(solid, (walls, np.tile([1.0, 0.0, 0.0], (len(walls), 1))), FLOOR, LOW, CELL)
     np.testing.assert_array_equal(air, 0.0)
+
+
+def test_a_shelf_between_walls_goes_on_below_its_own_top() -> None:
+    """A gusset in a corner: its edge hovers, walls around it stand, and its underside does not come down to them."""
+    solid = np.ones((*X.shape, 15), bool)
+    shelf = np.zeros(X.shape, bool)
+    shelf[:30, 3:-3] = True  # open at x = 0; walls on the other sides
+    solid[shelf, 8:] = False
+    front = np.zeros(X.shape, bool)
+    front[0] = shelf[0]
+    solid[:2][shelf[:2], :6] = False  # views look under the front
+    edge = np.stack([X[front], Y[front], np.full(front.sum(), 0.012)], axis=1)
+    outer = EDGE & ~front
+    wall = np.stack([X[outer], Y[outer], np.full(outer.sum(), FLOOR)], axis=1)
+    outwards = np.column_stack([X[outer] - X.mean(), Y[outer] - Y.mean(), np.zeros(outer.sum())])
+    outwards /= np.linalg.norm(outwards, axis=1)[:, None]
+    normals = np.concatenate([np.tile([-1.0, 0.0, 0.0], (len(edge), 1)), outwards])
+    air = underside(solid, (np.concatenate([edge, wall]), normals), FLOOR, LOW, CELL)
+    np.testing.assert_allclose(air[shelf], 0.012, atol=1.5e-3)
+    np.testing.assert_allclose(air[~shelf], 0.0, atol=1e-3)
