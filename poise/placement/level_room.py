@@ -29,6 +29,8 @@ _INSIDE = 1e-3
 """m by which the centre of mass is inside the region of contact."""
 _EMPTY = 0.5
 """What is left of the weight of a surface and a face between which there was no room."""
+_SMALL = 1e-3
+"""Of the square of the object's size: smaller surfaces carry nothing by themselves."""
 _PLACES = 6
 """Drawn in one free region, until the centre of mass is over the contact."""
 _BINS = 90
@@ -98,13 +100,21 @@ class LevelRoom:
                 groups[-1].append((height, polygon))
             else:
                 groups.append([(height, polygon)])
-        return [_Surface(group[0][0], shapely.union_all([polygon for _, polygon in group])) for group in groups]
+        found = [_Surface(group[0][0], shapely.union_all([polygon for _, polygon in group])) for group in groups]
+        least = _SMALL * float(np.sum(np.ptp(self._vertices, axis=0) ** 2))
+        return [surface for surface in found if surface.region.area > least]
 
-    def poses(self, rng: np.random.Generator) -> Iterator[tuple[Pose, SupportPoint]]:
-        """Poses on one surface, face and angle, each with the plane it rests on; none where there is no room."""
+    def poses(self, rng: np.random.Generator, trust: Array) -> Iterator[tuple[Pose, SupportPoint]]:
+        """Poses on one surface, face and angle, each with the plane it rests on; none where there is no room.
+
+        Args:
+            rng: chooses.
+            trust: (F,) weights of the faces.
+        """
         if not self._weights.size:
             return
-        chosen = int(rng.choice(self._weights.size, p=(self._weights / self._weights.sum()).ravel()))
+        weights = (self._weights * trust).ravel()
+        chosen = int(rng.choice(weights.size, p=weights / weights.sum()))
         place, number = divmod(chosen, len(self._faces))
         surface, face = self._surfaces[place], self._faces[number]
         down = rotation_between(face.normal, -self._up)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from poise.assembly.scene import Polyhedron
 from poise.types import Array, Indices
@@ -49,9 +50,8 @@ def parts_between(polyhedron: Polyhedron, corners: Array, low: float, high: floa
     if polyhedron.convex:
         hull = _clipped_ends(corners, polyhedron.edges, low, high)
         return [convex_outline(hull[:, :2])] if len(hull) else []
-    triangles = [_clipped(corners[triangle], low, high)[:, :2] for triangle in polyhedron.triangles]
-    shapes = [shapely.convex_hull(shapely.multipoints(points)) for points in triangles if len(points)]
-    if not shapes:
+    shapes = _clipped_triangles(corners[polyhedron.triangles], low, high)
+    if not len(shapes):
         return []
     whole = shapely.union_all(shapes).simplify(_COARSE)
     found = []
@@ -80,8 +80,24 @@ def _clipped_ends(corners: Array, edges: Indices, low: float, high: float) -> Ar
     return np.concatenate(found)
 
 
-def _clipped(triangle: Array, low: float, high: float) -> Array:
-    return _clipped_ends(triangle, np.array([[0, 1], [1, 2], [2, 0]]), low, high)
+def _clipped_triangles(triangles: Array, low: float, high: float) -> NDArray[np.object_]:
+    """(N,) what triangles (T, 3, 3) have between two heights, seen from above."""
+    heights = triangles[:, :, 2]
+    triangles = triangles[(heights.max(axis=1) > low) & (heights.min(axis=1) < high)]
+    heights = triangles[:, :, 2]
+    whose, corner = np.nonzero((heights >= low) & (heights <= high))
+    owners, points = [whose], [triangles[whose, corner, :2]]
+    for level in (low, high):
+        for k in range(3):
+            a, b = triangles[:, k], triangles[:, (k + 1) % 3]
+            cut = np.flatnonzero((a[:, 2] - level) * (b[:, 2] - level) < 0)
+            share = (level - a[cut, 2]) / (b[cut, 2] - a[cut, 2])
+            owners.append(cut)
+            points.append(a[cut, :2] + share[:, None] * (b[cut, :2] - a[cut, :2]))
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    _, numbers = np.unique(owner[order], return_inverse=True)
+    return np.asarray(shapely.convex_hull(shapely.multipoints(np.concatenate(points)[order], indices=numbers)))
 
 
 def directions(polygons: list[Array]) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from poise.placement.refusals import NO_FIT, NO_ROOM, no_placement
 from poise.placement.scoring import PlacementScore, check_criterion, estimate_score, evaluate
 from poise.placement.supports import Supports, carriers, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
+from poise.placement.validation import ROLLS, UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
 from poise.threads import in_one_thread
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
@@ -34,6 +34,8 @@ _AS_DRAWN = 30
 """Poses that are tested as they are drawn: settling takes thirty tests, and is seldom needed where there is room."""
 _UNAIDED = 10
 """Poses drawn from support points alone; later every other draw looks for room on level surfaces."""
+_ROLLED, _LEAST_TRUST, _ALIKE = 0.5, 0.002, 0.05
+"""What is left of the weight of a face on which the object may roll, and of faces whose area differs by less."""
 _TRIES, _TESTED = 24, 3
 """Pairs of features tried on each pair of places, and poses of each draw that get the full test."""
 
@@ -234,7 +236,7 @@ class _Search:
         name = validator.item.id
         self._wanted_faces = [f for f in features.faces if all(look.allows(name, -f.normal) for look in wanted)]
         self._steady_faces = [face for face in self._wanted_faces if face.steady]
-        self._aided = False
+        self._aided, self._trust = False, np.ones(len(self._steady_faces))
 
     @cached_property
     def _chocks(self) -> Chocks:
@@ -263,7 +265,7 @@ class _Search:
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
                 self.iteration += 1
-                accepted = None if pose is None else self._validator.accept(pose, self.iteration > _AS_DRAWN)
+                accepted = None if pose is None else self._accept(pose)
                 if pose is None:
                     self._validator.rejected[NO_ROOM if self._aided else NO_FIT] += 1
                 elif accepted is None:
@@ -277,6 +279,17 @@ class _Search:
             if len(found) >= self._options.candidates:
                 break
         return found
+
+    def _accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
+        """As the validator; faces on which the object may roll are tried less often afterwards."""
+        before = self._validator.rejected[ROLLS]
+        accepted = self._validator.accept(pose, self.iteration > _AS_DRAWN)
+        if self._validator.rejected[ROLLS] > before and self._steady_faces:
+            under = np.array([face.normal for face in self._steady_faces]) @ (pose.rotation.T @ self._up)
+            areas = np.array([face.area for face in self._steady_faces])
+            alike = np.abs(areas / areas[int(under.argmin())] - 1) < _ALIKE  # the other facets of a round side
+            self._trust[alike] = np.maximum(self._trust[alike] * _ROLLED, _LEAST_TRUST)
+        return accepted
 
     def best_of(self, found: list[_Candidate]) -> tuple[Analysis, RigidObject]:
         """The best placement whose robustness elastic contacts confirm."""
@@ -327,7 +340,7 @@ class _Search:
             yield from islice(fitting, _TESTED - 1)
 
     def _on_level(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[SupportPoint, ...]]]:
-        return ((pose, (contact,)) for pose, contact in self._room.poses(rng))
+        return ((pose, (contact,)) for pose, contact in self._room.poses(rng, self._trust))
 
     def _drawn(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[SupportPoint, ...]]]:
         """Poses for one draw of places: over three of them, on two, and on one alone, each with its planes."""
@@ -336,7 +349,9 @@ class _Search:
         sharp = bool(self._supports.sharp[numbers[0]])
         faces = self._features.faces
         steady = self._steady_faces or list(self._wanted_faces) or list(faces)
-        face = steady[int(rng.integers(len(steady)))]
+        trusted = steady is self._steady_faces and self._trust.min() < 1
+        shares = self._trust / self._trust.sum() if trusted else None
+        face = steady[int(rng.integers(len(steady)) if shares is None else rng.choice(len(steady), p=shares))]
         top = (
             over_three(a, others[0], others[1], self._up)
             if len(others) == 2 and (sharp or rng.random() < 0.5)
