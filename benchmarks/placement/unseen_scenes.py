@@ -130,7 +130,7 @@ def _random_shape(rng: np.random.Generator) -> Shape:
 
 def _wide(rng: np.random.Generator, possible: bool) -> float:
     """m by which a room is wider than what belongs in it."""
-    return float(rng.uniform(0.004, 0.012) if possible else -rng.uniform(0.003, 0.01))
+    return float(rng.uniform(0.004, 0.012) if possible else -rng.uniform(0.008, 0.014))
 
 
 def dish_rack(rng: np.random.Generator, seed: int, possible: bool) -> Task:
