@@ -2,6 +2,7 @@
 
 - `scenes`: the nine scenes and the ten objects, and the command that writes them to docs/scenes/placement.
 - `packing`: twelve objects into a tote, against packers on heightmaps (`totes`, `heightmaps`).
+- `unseen`: placements in kitchens, racks, drawers, totes and pallets (`unseen_scenes`), with one place left, or none.
 - `run`: Table 5.1 of the thesis with every pose checked in MuJoCo. `growth`: time against vertices and objects.
 """
 

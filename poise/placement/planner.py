@@ -14,22 +14,28 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose, unit
 from poise.notebooks import html_table
 from poise.placement.balance import SupportCheck
+from poise.placement.chocks import Chocks
 from poise.placement.choice import best_confirmed
 from poise.placement.features import ContactFeatures
+from poise.placement.level_room import LevelRoom
 from poise.placement.matching import SupportPoint, over_three, poses_on_one, poses_on_two, same_plane
 from poise.placement.orientation import Upright
 from poise.placement.refinement import refine
-from poise.placement.refusals import NO_FIT, no_placement
+from poise.placement.refusals import NO_FIT, NO_ROOM, no_placement
 from poise.placement.scoring import PlacementScore, check_criterion, estimate_score, evaluate
-from poise.placement.supports import Supports, find_supports
+from poise.placement.supports import Supports, carriers, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
+from poise.placement.validation import ROLLS, UNDECIDED, KeptFree, PlacementTest, PoseTest, Validator, require_new
 from poise.threads import in_one_thread
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
 _AS_DRAWN = 30
 """Poses that are tested as they are drawn: settling takes thirty tests, and is seldom needed where there is room."""
+_UNAIDED = 10
+"""Poses drawn from support points alone; later every other draw looks for room on level surfaces."""
+_ROLLED, _LEAST_TRUST, _ALIKE = 0.5, 0.002, 0.05
+"""What is left of the weight of a face on which the object may roll, and of faces whose area differs by less."""
 _TRIES, _TESTED = 24, 3
 """Pairs of features tried on each pair of places, and poses of each draw that get the full test."""
 
@@ -191,7 +197,8 @@ def plan_placement(
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
     if not found:
-        raise no_placement(item, validator.rejected, search.iteration, search.late)
+        looks = [name for name, _ in options.looks]
+        raise no_placement(item, validator.rejected, search.iteration, search.late, looks)
     best, there = search.best_of(found)
     if options.refining:
         refined = refine(validator, best, there, options.criterion, lambda: search.late)
@@ -228,6 +235,23 @@ class _Search:
         wanted = [look for _, look in options.looks if isinstance(look, Upright)]
         name = validator.item.id
         self._wanted_faces = [f for f in features.faces if all(look.allows(name, -f.normal) for look in wanted)]
+        self._steady_faces = [face for face in self._wanted_faces if face.steady]
+        self._aided, self._trust = False, np.ones(len(self._steady_faces))
+
+    @cached_property
+    def _chocks(self) -> Chocks:
+        """What keeps a lying cylinder from rolling."""
+        assembly = self._validator.analysis.assembly
+        chosen = carriers(assembly.objects, self._options.on)
+        return Chocks(assembly, chosen, self._validator.item, self._features.com)
+
+    @cached_property
+    def _room(self) -> LevelRoom:
+        """Room on level surfaces; found when draws of support points have failed."""
+        assembly = self._validator.analysis.assembly
+        kept = [look for _, look in self._options.looks if isinstance(look, KeptFree)]
+        chosen = carriers(assembly.objects, self._options.on)
+        return LevelRoom(assembly, chosen, self._validator.item, self._features.com, self._steady_faces, kept)
 
     @property
     def late(self) -> bool:
@@ -241,9 +265,9 @@ class _Search:
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
                 self.iteration += 1
-                accepted = None if pose is None else self._validator.accept(pose, self.iteration > _AS_DRAWN)
+                accepted = None if pose is None else self._accept(pose)
                 if pose is None:
-                    self._validator.rejected[NO_FIT] += 1
+                    self._validator.rejected[NO_ROOM if self._aided else NO_FIT] += 1
                 elif accepted is None:
                     self._supports.distrust(pose.apply(self._features.com) - self._size / 2 * self._up, self._size / 4)
                 elif (candidate := self._judged((*accepted, None), self._options.candidates > 1)) is not None:
@@ -255,6 +279,17 @@ class _Search:
             if len(found) >= self._options.candidates:
                 break
         return found
+
+    def _accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
+        """As the validator; faces on which the object may roll are tried less often afterwards."""
+        before = self._validator.rejected[ROLLS]
+        accepted = self._validator.accept(pose, self.iteration > _AS_DRAWN)
+        if self._validator.rejected[ROLLS] > before and self._steady_faces:
+            under = np.array([face.normal for face in self._steady_faces]) @ (pose.rotation.T @ self._up)
+            areas = np.array([face.area for face in self._steady_faces])
+            alike = np.abs(areas / areas[int(under.argmin())] - 1) < _ALIKE  # the other facets of a round side
+            self._trust[alike] = np.maximum(self._trust[alike] * _ROLLED, _LEAST_TRUST)
+        return accepted
 
     def best_of(self, found: list[_Candidate]) -> tuple[Analysis, RigidObject]:
         """The best placement whose robustness elastic contacts confirm."""
@@ -293,11 +328,19 @@ class _Search:
 
     def _poses(self, rng: np.random.Generator) -> Iterator[Pose | None]:
         """Poses for one draw of places that its planes could carry; None when there is none."""
-        fitting = (pose for pose, contacts in self._drawn(rng) if self._fit.allows(pose, contacts))
+        self._aided = self.iteration >= _UNAIDED and not self._aided
+        if self._aided and self._chocks and rng.random() < 0.5:
+            yield next(self._chocks.poses(rng), None)
+            return
+        drawn = self._on_level(rng) if self._aided else self._drawn(rng)
+        fitting = (pose for pose, contacts in drawn if self._fit.allows(pose, contacts))
         first = next(fitting, None)
         yield first
         if first is not None:
             yield from islice(fitting, _TESTED - 1)
+
+    def _on_level(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[SupportPoint, ...]]]:
+        return ((pose, (contact,)) for pose, contact in self._room.poses(rng, self._trust))
 
     def _drawn(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[SupportPoint, ...]]]:
         """Poses for one draw of places: over three of them, on two, and on one alone, each with its planes."""
@@ -305,8 +348,10 @@ class _Search:
         a, *others = (self._supports.contact(number) for number in numbers)
         sharp = bool(self._supports.sharp[numbers[0]])
         faces = self._features.faces
-        steady = [face for face in self._wanted_faces if face.steady] or list(self._wanted_faces) or list(faces)
-        face = steady[int(rng.integers(len(steady)))]
+        steady = self._steady_faces or list(self._wanted_faces) or list(faces)
+        trusted = steady is self._steady_faces and self._trust.min() < 1
+        shares = self._trust / self._trust.sum() if trusted else None
+        face = steady[int(rng.integers(len(steady)) if shares is None else rng.choice(len(steady), p=shares))]
         top = (
             over_three(a, others[0], others[1], self._up)
             if len(others) == 2 and (sharp or rng.random() < 0.5)

@@ -1,7 +1,7 @@
 """Why there is no placement: the counts of rejected poses, and the cause that a program can read."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, NoAnswerError
@@ -9,9 +9,11 @@ from poise.placement.orientation import TURNED
 from poise.placement.validation import APART, FALLS, OVERLAPS, ROLLS, SENSITIVE, UNDECIDED
 
 NO_FIT = "no pose fits the places"
+NO_ROOM = "no room on a level surface"
 _STAGES = {
     TURNED: "orientation",
     NO_FIT: "no_support",
+    NO_ROOM: "no_room",
     OVERLAPS: "no_room",
     APART: "no_support",
     UNDECIDED: "undecided",
@@ -27,12 +29,14 @@ _NAMED = {
 }
 
 
-def no_placement(item: RigidObject, rejected: Counter[str], iterations: int, late: bool = False) -> NoAnswerError:
+def no_placement(
+    item: RigidObject, rejected: Counter[str], iterations: int, late: bool = False, looks: Collection[str] = ()
+) -> NoAnswerError:
     """NO_PLACEMENT with how many poses each test rejected; DEADLINE when there was no time for a single pose.
 
     `late`: time was over before all attempts were made.
 
-    The `cause` is that of `cause_of`.
+    The `cause` is that of `cause_of`, and so is `looks`.
     """
     if not iterations:
         return NoAnswerError(
@@ -47,16 +51,17 @@ def no_placement(item: RigidObject, rejected: Counter[str], iterations: int, lat
         rejected=counts,
         iterations=iterations,
         late=late,
-        cause=cause_of(counts),
+        cause=cause_of(counts, looks),
     )
 
 
-def cause_of(counts: Mapping[str, int]) -> str:
+def cause_of(counts: Mapping[str, int], looks: Collection[str] = ()) -> str:
     """The cause for a program: the test that rejected the poses which passed most tests.
 
     Args:
         counts: of rejected poses, by test, see `Validator`.
+        looks: names of the conditions on the pose alone, which are tested first.
     """
-    stages = list(_STAGES)
+    stages = [*looks, *(name for name in _STAGES if name not in looks)]
     last = max(counts, key=lambda name: stages.index(name) if name in stages else len(stages), default=NO_FIT)
     return _STAGES.get(last) or _NAMED.get(last, "condition_not_met")

@@ -141,9 +141,9 @@ def find_supports(
         raise InputError(ErrorCode.BAD_INPUT, f"guide {guide!r}: choose one of {', '.join(_GUIDES)}")
     objects = analysis.assembly.objects
     up = -unit(analysis.assembly.gravity)
-    chosen = [i for i, item in enumerate(objects) if on == "any" or item.fixed == (on == "fixed")]
+    chosen = carriers(objects, on)
     found = [_places(objects[i], up, max(count // max(len(chosen), 1), 8), rng) for i in chosen]
-    places = np.repeat(np.array(chosen, dtype=np.int64), [len(points) for points, _, _ in found])
+    places = np.repeat(chosen, [len(points) for points, _, _ in found])
     if not len(places):
         raise InputError(ErrorCode.OBJECT_INVALID, f"the scene has no surface that looks up to carry something ({on})")
     points, normals = (np.concatenate([part[k] for part in found]) for k in (0, 1))
@@ -159,6 +159,12 @@ def find_supports(
     friction = assembly.largest_friction if assembly.friction is None else assembly.friction
     supports.trust[normals @ up < 1 / np.hypot(1, friction)] = _STEEP
     return supports
+
+
+def carriers(objects: Sequence[RigidObject], on: str) -> NDArray[np.int64]:
+    """Numbers of what may carry: objects, fixed, or any."""
+    chosen = [i for i, item in enumerate(objects) if on == "any" or item.fixed == (on == "fixed")]
+    return np.array(chosen, dtype=np.int64)
 
 
 def _uncovered(objects: Sequence[RigidObject], places: NDArray[np.int64], points: Array, normals: Array) -> Mask:

@@ -25,6 +25,8 @@ UNDECIDED, SENSITIVE = "could not be decided", "stands, but not robustly"
 """Why a pose is rejected; undecided when a solver fails."""
 _LOOSE = 3e-4
 """m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
+_DEEP = 3e-4
+"""m: deeper overlaps, which the tolerance of scans would let pass as contact, push a placed object away."""
 _LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
 _TALL = 10.0
@@ -132,6 +134,8 @@ class Validator:
         except InputError as error:
             known = {ErrorCode.INTERPENETRATION: OVERLAPS, ErrorCode.FLOATING: APART}
             return self._reject(known.get(error.code, error.code.name.lower()))
+        if _overlaps(analysis, there):
+            return self._reject(OVERLAPS)
         try:
             standing = self._standing(_without_gaps(analysis, there), there, settling and self.settling)
             if isinstance(standing, str):
@@ -140,6 +144,8 @@ class Validator:
                 return self._reject(ROLLS)
             if standing[1] is not there and (why := self._looks_wrong(standing[1])) is not None:
                 return self._reject(why)
+            if standing[1] is not there and _overlaps(*standing):
+                return self._reject(OVERLAPS)
             if self.uncertainty is not None and not stands_disturbed(*standing, self.uncertainty):
                 return self._reject(SENSITIVE)
             failed = next((name for name, test in self.tests if not test(*standing)), None)
@@ -197,3 +203,9 @@ def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:
     structure, place = analysis.structure, analysis.assembly.index[item.id]
     kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= _LOOSE)
     return analysis if len(kept) == len(structure.interfaces) else Analysis(replace(structure, interfaces=kept))
+
+
+def _overlaps(analysis: Analysis, item: RigidObject) -> bool:
+    """Whether an object is in another one by more than rounding."""
+    place = analysis.assembly.index[item.id]
+    return any(place in (i.first, i.second) and i.gap < -_DEEP for i in analysis.structure.interfaces)

@@ -103,11 +103,13 @@ def resting_normal(bodies: tuple[PlacedBody, PlacedBody], group: Sequence[Contac
 
 
 def _curve(body: PlacedBody, normal: Array, point: Array) -> FacetCurve | None:
-    """The round side for which the facet of a body at a contact stands."""
+    """The round side for which the facet of a body at a contact stands; None where no facet faces the contact."""
     if not isinstance(body.item.shape, Mesh):
         return None
     cosines = body.normals @ normal
     facing = np.flatnonzero(cosines > max(cosines.max() - _NEAR, 0.5))
+    if not len(facing):  # the tip of a steep pyramid, or an edge
+        return None
     heights = np.abs(np.einsum("fi,fi->f", body.origins[facing] - point, body.normals[facing]))
     return facet_curve(body.polyhedron, int(facing[heights.argmin()]))
 

@@ -64,7 +64,7 @@ def first_that_stays(
         if accepted is not None:
             seconds = time.monotonic() - start
             return Placement(accepted[1], accepted[0], attempts, seconds, dict(validator.rejected))
-    raise no_placement(item, validator.rejected, attempts)
+    raise no_placement(item, validator.rejected, attempts, looks=[name for name, _ in options.looks])
 
 
 def guided_by(

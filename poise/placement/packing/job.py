@@ -235,7 +235,7 @@ class _Job:
         found.arrangement = packer.arrange(order, rule) or found.arrangement
         for name in found.arrangement.left:
             if found.tried.get(name):
-                found.arrangement.left[name] = cause_of(found.tried[name])
+                found.arrangement.left[name] = cause_of(found.tried[name], [look for look, _ in self._options.looks])
         return found
 
     def _packer(self, accepts: Callable[[RigidObject, Spot], bool], share: float) -> Packer:
