@@ -34,9 +34,8 @@ _NOISY = 2.2
 """Local scatter about a spline that noise alone may cause, in units of its variance."""
 _RINGING = 2.0
 """Knot spacings on either side of a misfit within which a spline rings."""
-_SUDDEN, _FLAT = 4.0, 1.0 / 12.0
-"""Error by sudden changes of the second rate over the noise of a spline, as variances; and the variance of a uniform
-distribution of width 1."""
+_SUDDEN = 2.0
+"""Error by sudden changes of the second rate over the noise of a spline, as variances."""
 _COARSE, _INEXACT = 0.5, 0.03
 """Share of the noise from which on it is that of rounding, and least noise beside that, in steps of the encoder."""
 _OVER = np.sqrt(2 / np.pi)
@@ -225,16 +224,14 @@ class _Blend:
     def _sudden(self, fit: SplineFit) -> Array:
         """(M, J) variance of the second rate by changes that may be sudden, as at the corners of a trapezoidal motion.
 
-        Within the noise, a change over one spacing may have happened at once. Where the knots were chosen, errors by
-        that are as large as the noise on average, since closer knots would have won otherwise; they lie where the
-        second rate changes. The closest knots of all had no rival: any moment of their spacing is possible.
+        Within the noise, a change over one spacing may have happened at once. Errors by that are about as large as the
+        noise on average, since closer knots would have won otherwise; they lie where the second rate changes.
         """
         half = self._samples(fit) // 2
         padded = np.pad(fit(self._seconds, 2), ((half, half), (0, 0)), mode="edge")
         changed = (padded[2 * half :] - padded[: len(padded) - 2 * half]) ** 2
         noise = fit.usual_gains()[2] * self.noise**2
-        closest = fit is self._fits[-1]
-        return np.asarray(changed * (_SUDDEN * noise / np.maximum(changed.mean(axis=0), 1e-30) + _FLAT * closest))
+        return np.asarray(_SUDDEN * noise * changed / np.maximum(changed.mean(axis=0), 1e-30))
 
     def _samples(self, fit: SplineFit) -> int:
         """Samples between two knots."""

@@ -32,7 +32,7 @@ def test_smooth_motion_does_not_ring() -> None:
 
 @pytest.mark.parametrize(("rate", "noise"), [(100.0, 2e-5), (125.0, 2e-4), (500.0, 3e-5)])
 def test_the_stated_error_holds_at_the_corners_of_trapezoids_and_between_them(rate: float, noise: float) -> None:
-    """Noise hides how sharp a corner is: without a variance for that, the errors were 6 to 8 sigma there."""
+    """Noise hides how sharp a corner is: without a variance for that, the mean square there was 40 to 59."""
     rng = np.random.default_rng(9)
     seconds, at = np.arange(0.0, 40.0, 1.0 / rate), np.arange(1.0, 39.0, 0.7)
     jumps = np.diff(rng.uniform(-1.5, 1.5, len(at) - 1), prepend=0.0, append=0.0)
@@ -42,7 +42,7 @@ def test_the_stated_error_holds_at_the_corners_of_trapezoids_and_between_them(ra
     moving = found.sigma[2, :, 0] > 0.0
     score = ((found.acceleration[:, 0] - truth)[moving] / found.sigma[2, moving, 0]) ** 2
     corner = np.abs(seconds[moving, None] - at).min(axis=1) < 0.07
-    assert np.mean(score[corner]) < 12.0
+    assert np.mean(score[corner]) < 20.0
     assert 0.3 < np.mean(score[~corner]) < 2.0
 
 
