@@ -12,7 +12,7 @@ import coal
 import numpy as np
 
 from poise.assembly import Assembly, Cylinder, RigidObject
-from poise.assembly.contact import convex_geometry
+from poise.assembly.contact import convex_geometry, convex_overlap
 from poise.geometry import Pose, cross, unit
 from poise.placement.features import PARALLEL_SINE, are_convex
 from poise.types import Array, Indices
@@ -158,7 +158,7 @@ class Chocks:
         ]
         shape, rotation = convex_geometry(cast(Hashable, self._shape)), self._pose(line, line.begin).rotation
         poses = [coal.Transform3s(rotation, self._pose(line, float(at)).translation) for at in places]
-        free = np.array([not any(_meets(shape, pose, *body) for body in bodies) for pose in poses])
+        free = np.array([all(convex_overlap(shape, pose, *body) <= _MEETS for body in bodies) for pose in poses])
         numbers = np.flatnonzero(free)
         if not len(numbers):
             return places[:0]
@@ -193,15 +193,6 @@ def _parts(body: RigidObject, number: int, up: Array) -> Iterator[_Part]:
             if all(abs(run[edge] @ other) < np.cos(_PARALLEL) for other in known):
                 known.append(run[edge])
                 yield _Part(number, run[edge], vertices[polyhedron.facet_vertices[facet]], normals[[facet]])
-
-
-def _meets(
-    shape: "coal.ShapeBase", there: "coal.Transform3s", other: "coal.ShapeBase", place: "coal.Transform3s"
-) -> bool:
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
-    if not coal.collide(shape, there, other, place, request, result):
-        return False
-    return bool(result.getContact(0).penetration_depth < -_MEETS)
 
 
 def _touching(shapes: list[tuple[Array, Array]], radius: float) -> Iterator[Array]:

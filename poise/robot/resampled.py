@@ -129,7 +129,8 @@ class _Blend:
 
     def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
         span = float(seconds[-1] - seconds[0])
-        least = min(_SLOW_KNOTS, _SAMPLES * float(np.median(np.diff(seconds))))
+        self._period = float(np.median(np.diff(seconds)))
+        least = min(_SLOW_KNOTS, _SAMPLES * self._period)
         sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS if spacing > least})
         grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
         plain = [SplineFit(Design(grid, seconds), values) for grid in grids]
@@ -188,8 +189,7 @@ class _Blend:
         return np.asarray(summed[:, len(window) - 1 : padded.shape[1]].T)
 
     def _window(self, count: int) -> Array:
-        period = float(np.median(np.diff(self._seconds)))
-        half = min(max(round(_LOCAL / period), 3), (count - 1) // 2)
+        half = min(max(round(_LOCAL / self._period), 3), (count - 1) // 2)
         return np.asarray(np.hanning(2 * half + 3)[1:-1])
 
     def __call__(self, wanted: Array) -> tuple[Array, Array]:
@@ -235,7 +235,7 @@ class _Blend:
 
     def _samples(self, fit: SplineFit) -> int:
         """Samples between two knots."""
-        return max(round(fit.grid.spacing / float(np.median(np.diff(self._seconds)))), 1)
+        return max(round(fit.grid.spacing / self._period), 1)
 
 
 def _at(wanted: Array, seconds: Array, values: Array) -> Array:

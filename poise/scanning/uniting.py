@@ -58,9 +58,14 @@ def united(
 
 def _connected(count: int, pairs: list[tuple[int, int]]) -> list[list[int]]:
     """Numbers of things in groups that pairs connect, in their order."""
-    i, j = np.array(pairs, int).reshape(-1, 2).T
-    own = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False)[1]
+    own = _groups(count, np.array(pairs, int).reshape(-1, 2))
     return [np.flatnonzero(own == group).tolist() for group in dict.fromkeys(own.tolist())]
+
+
+def _groups(count: int, pairs: Indices) -> Indices:
+    """(K,) the group of each of K things that pairs (P, 2) connect."""
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _touching(footprints: Sequence[Footprint]) -> list[tuple[int, int]]:
@@ -86,8 +91,7 @@ def _same_surface(views: Sequence[View], footprints: Sequence[Footprint], voxel:
     owner = np.full(len(points), -1)
     for number, one in enumerate(footprints):
         owner[one.holds(flat[:, 0], flat[:, 1])] = number
-    i, j = cKDTree(points).query_pairs(_REACH * voxel, output_type="ndarray").T
-    surface = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(points),) * 2), directed=False)[1]
+    surface = _groups(len(points), cKDTree(points).query_pairs(_REACH * voxel, output_type="ndarray"))
     return [pair for one in np.unique(surface) for pair in _pairs(owner[surface == one])]
 
 

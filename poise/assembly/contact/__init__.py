@@ -13,6 +13,7 @@ from poise.assembly.contact.graph import FIXED_NODE, ContactBlock, Structure
 from poise.assembly.contact.patches import patches_between
 from poise.assembly.contact.penetration import (
     convex_geometry,
+    convex_overlap,
     distance_between,
     distance_to_triangles,
     winding_number,
@@ -33,6 +34,7 @@ __all__ = [
     "WayOut",
     "bounds_of",
     "convex_geometry",
+    "convex_overlap",
     "distance_between",
     "distance_to_triangles",
     "facet_curve",

@@ -36,13 +36,20 @@ def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
     """
     bodies = first, second
     if all(body.polyhedron.convex for body in bodies):
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
         shapes = [convex_geometry(cast(Hashable, body.item.shape)) for body in bodies]
         places = [coal.Transform3s(body.item.pose.rotation, body.item.pose.translation) for body in bodies]
-        if not coal.collide(shapes[0], places[0], shapes[1], places[1], request, result):
-            return 0.0
-        return float(max(0.0, -result.getContact(0).penetration_depth))
+        return convex_overlap(shapes[0], places[0], shapes[1], places[1])
     return max(_deepest(first, second), _deepest(second, first))
+
+
+def convex_overlap(
+    first: "coal.ShapeBase", place: "coal.Transform3s", second: "coal.ShapeBase", there: "coal.Transform3s"
+) -> float:
+    """How far two convex shapes at their places overlap, m; 0 where they do not."""
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    if not coal.collide(first, place, second, there, request, result):
+        return 0.0
+    return float(max(0.0, -result.getContact(0).penetration_depth))
 
 
 def distance_between(first: RigidObject, second: RigidObject) -> float:

@@ -8,7 +8,7 @@ import coal
 import numpy as np
 
 from poise.assembly.contact.contacts import Interface
-from poise.assembly.contact.penetration import convex_geometry, penetration_depth
+from poise.assembly.contact.penetration import convex_geometry, convex_overlap, penetration_depth
 from poise.assembly.contact.placed import PlacedBody, placed
 from poise.assembly.scene import Assembly, RigidObject
 from poise.geometry import Pose, plane_axes, unit
@@ -128,12 +128,9 @@ def _sweep_depth(item: RigidObject, direction: Array, distance: float, other: Ri
     points = coal.StdVec_Vec3s()
     points.extend(list(np.concatenate([corners + _AHEAD * direction, corners + distance * direction])))
     swept = coal.Convex.convexHull(points, False, "")
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
     at = coal.Transform3s(other.pose.rotation, other.pose.translation)
     shape = convex_geometry(cast(Hashable, other.shape))
-    if not coal.collide(swept, coal.Transform3s.Identity(), shape, at, request, result):
-        return 0.0
-    return float(max(0.0, -result.getContact(0).penetration_depth))
+    return convex_overlap(swept, coal.Transform3s.Identity(), shape, at)
 
 
 def _clear(body: PlacedBody, direction: Array, distance: float, other: PlacedBody, margin: float) -> bool:

@@ -22,6 +22,7 @@ from poise.mismatch.effects.joint_friction import (
     like_a_turned_base,
     numbered_joints,
     path_of_joints,
+    soft_ramp,
 )
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
@@ -59,6 +60,7 @@ __all__ = [
     "path_of_joints",
     "rotation_columns",
     "slow_part",
+    "soft_ramp",
     "tilt_columns",
     "within",
 ]

@@ -61,8 +61,12 @@ def soft_sense(recorded: RecordedMotion, values: Values) -> Array:
     (Todorov 2014, "Convex and analytically-invertible dynamics with contacts and constraints").
     """
     track = efforts(recorded)
-    widths = of_joints(recorded, values, "ramp")
-    return np.asarray(np.clip((track.velocity + values["lead"] * track.acceleration) / widths, -1.0, 1.0))
+    return soft_ramp(track.velocity, track.acceleration, values["lead"], of_joints(recorded, values, "ramp"))
+
+
+def soft_ramp(velocity: Array, acceleration: Array, lead: Array | float, ramp: Array | float) -> Array:
+    """(M, ...) the sense of soft friction, -1 to 1, with the lead, s, and the ramp, rad/s or m/s, of each column."""
+    return np.asarray(np.clip((velocity + lead * acceleration) / ramp, -1.0, 1.0))
 
 
 def presliding_sense(recorded: RecordedMotion, values: Values) -> Array:

@@ -8,7 +8,7 @@ vanishes at speed, unlike friction.
 
 import numpy as np
 
-from poise.mismatch.effects import bristles, path_of_joints
+from poise.mismatch.effects import bristles, path_of_joints, soft_ramp
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array
 
@@ -43,7 +43,7 @@ def reversal_columns(track: EffortTrack) -> Array:
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
-        soft = [np.clip((velocity + lead * acceleration) / ramp, -1.0, 1.0) for lead in _LEADS for ramp in ramps]
+        soft = [soft_ramp(velocity, acceleration, lead, ramp) for lead in _LEADS for ramp in ramps]
         laws = np.column_stack([*soft, *(each[:, joint] for each in bent)])
         found[:, joint] = _likeliest(laws, beside, residual[:, joint])
     return found
