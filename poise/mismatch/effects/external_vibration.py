@@ -23,6 +23,11 @@ that ring by less hide it in the noise of their encoders."""
 _RINGS = 1.0
 """s after which a joint rings with another phase: in a longer line its errors add up like noise, unless the arm itself
 moves at that frequency."""
+_ABOVE = 25.0
+"""Power of a line over the median power of the spectrum near it: the largest of a thousand values of a noise of any
+colour reaches 15. Corners of the motion that encoders do not show leave such a noise below their bandwidth."""
+_NEAR = (3.0, 12.0)
+"""Distance of that spectrum from the line, times the length of the window."""
 _FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is another event."""
 
@@ -154,7 +159,9 @@ class ExternalVibration(Effect):
         amplitude, moved = (2.0 * float(np.linalg.norm(wave @ part)) for part in (shake[inside], own))
         error = _CLEAR * float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
         lasts = np.sqrt(_RINGS / max(span[1] - span[0], _RINGS))
-        return bool(amplitude > min(error, max(error * lasts, moved)))
+        return bool(amplitude > min(error, max(error * lasts, moved))) and _stands_out(
+            recorded.seconds[inside], shake[inside], frequency, window
+        )
 
     @staticmethod
     def _span(recorded: RecordedMotion, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:
@@ -165,6 +172,15 @@ class ExternalVibration(Effect):
         gain = (2.0 * shake * predicted - predicted**2).sum(axis=1)
         _, begin, end = _longest_gain(gain[:, None])
         return float(recorded.seconds[begin[0]]), float(recorded.seconds[end[0]])
+
+
+def _stands_out(seconds: Array, shake: Array, frequency: float, window: Array) -> bool:
+    """Whether a line in (N, 3) exceeds every value that a noise as large as the spectrum near it has."""
+    away = np.linspace(*_NEAR, 19) / max(float(seconds[-1] - seconds[0]), 1e-9)
+    near = np.concatenate([frequency - away, frequency + away])
+    waves = np.exp(-2j * np.pi * np.outer([frequency, *near[near > _LOWEST]], seconds)) * window
+    line, *others = (np.abs(waves @ shake) ** 2).sum(axis=1)
+    return bool(line > _ABOVE * np.median(others))
 
 
 def _longest_gain(values: Array) -> tuple[Array, Array, Array]:

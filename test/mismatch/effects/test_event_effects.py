@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
+from scipy.signal import butter, sosfilt
 
 from poise.mismatch.answer.named import quantities
 from poise.mismatch.effects import effect_named
@@ -155,6 +156,19 @@ def test_a_weak_line_counts_where_it_lasts_and_the_arm_does_not_move_at_its_freq
     assert found(0.06)[0]["frequency"] == pytest.approx(13.0, abs=0.02)
     assert not found(0.06, moving=0.2)
     assert not found(0.06, lasts=(at.seconds > 5.0) & (at.seconds < 6.0))
+
+
+@pytest.mark.parametrize("tone", [0.0, 2.0])
+def test_a_line_of_a_noise_of_one_band_is_no_vibration(tone):
+    """As corners of a motion leave it above the bandwidth of the encoders: its highest line had 97 nats."""
+    at, rng = recorded(jitter=0.0), np.random.default_rng(3)
+    passing = butter(4, [15.0, 25.0], "bandpass", fs=1.0 / at.period, output="sos")
+    band = sosfilt(passing, rng.normal(size=(len(at), 3)), 0)
+    shake = 2.0 * band / band.std() + tone * np.sin(2.0 * np.pi * 19.0 * at.seconds)[:, None]
+    residual = np.zeros((len(at), 6))
+    residual[:, :3] = -at.phi[0] * at.to_sensor(shake)
+    starts = list(effect_named("external_vibration").starts(at, residual))
+    assert [each["frequency"] for each in starts] == ([pytest.approx(19.0, abs=0.05)] if tone else [])
 
 
 @pytest.mark.parametrize("seed", [2, 3])
