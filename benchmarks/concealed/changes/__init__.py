@@ -68,7 +68,7 @@ DECOYS = _named(decoys, "dropped_samples", "outliers", "loud_noise", "clock_jitt
 
 AKIN: dict[str, tuple[str, ...]] = {
     "spinning_up_rotor": ("flywheel",),
-    "thermal_gain": ("sensor_gain",),
+    "thermal_gain": ("sensor_gain", "gain_drift"),
     "grasp_slip": ("loose_part", "flexible_mode"),
     "rope_drag": ("air_drag",),
     "warming_grease": ("viscous_friction",),

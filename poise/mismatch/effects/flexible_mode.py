@@ -31,6 +31,10 @@ _PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 _FREQUENCIES, _STARTS = tuple(np.geomspace(2.0, 14.0, 10).tolist()), 3
 """Hz that are tried, and how many of them the search begins from."""
 
+_MOST_OF_LOAD = 0.5
+"""Share of the payload from which what oscillates is as likely the whole payload, in a grasp that gives about one axis:
+its modal mass is m d^2 / (d^2 + k^2), with d from the hinge to the centre of mass and k the radius of gyration."""
+
 
 class FlexibleMode(Effect):
     """A mass on a spring and damper along an axis of the tool; without load it is at its nominal place.
@@ -101,6 +105,9 @@ class FlexibleMode(Effect):
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
+
+    def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:
+        return ("grasp_compliance",) if values["mass"] > _MOST_OF_LOAD * recorded.phi[0] else ()
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)
