@@ -1,6 +1,8 @@
 """Elastic contacts with Coulomb friction: closed forms, and what limit analysis wrongly allows."""
 
+import json
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import assembly_scenes as scenes
 import numpy as np
@@ -8,10 +10,11 @@ import pytest
 from assembly_scenes import G, box, on_floor
 from test_equilibrium import slope
 
-from poise.assembly import Analysis, Push, assess
+from poise.assembly import Analysis, Assembly, Box, Mesh, Push, RigidObject, assess
 from poise.assembly.statics import Deadline
 from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.elastic_state import ElasticState
+from poise.geometry import Pose, rotation_of_quaternion
 
 
 def settled(assembly):
@@ -139,3 +142,29 @@ def test_a_box_that_leans_on_the_edge_of_another_creeps_to_where_it_stands(monke
     assert stuck.doubtful
     assert not stuck.stable
     assert not stuck.falling
+
+
+def leaning_pile():
+    """Three bodies that lean on each other in a bin, and a fourth, as they came to rest in MuJoCo."""
+    content = json.loads((Path(__file__).parent / "leaning_pile.json").read_text(encoding="utf-8"))
+    objects = []
+    for each in content["objects"]:
+        mesh = "vertices" in each
+        shape = Mesh(np.array(each["vertices"]), np.array(each["triangles"])) if mesh else Box(tuple(each["box"]))
+        place, turn = np.split(np.array(each["pose"]), [3])
+        pose = Pose(rotation_of_quaternion(turn), place)
+        objects.append(RigidObject(each["id"], shape, pose, "mass" not in each, each.get("mass", 0.0)))
+    return Assembly(tuple(objects), np.array(content["gravity"]), content["friction"])
+
+
+def test_bodies_that_rounds_throw_far_away_creep_to_where_they_stand(monkeypatch):
+    """Tresca problems of the first rounds seem to fall, where the pile stands with a little more or less friction."""
+    pile = leaning_pile()
+    margins = [
+        Analysis.of(Assembly(pile.objects, pile.gravity, share * pile.friction)).stability().margin
+        for share in (0.98, 1.0, 1.02)
+    ]
+    assert margins == sorted(margins)
+    assert margins[0] > 0.1
+    monkeypatch.setattr(CoulombBlock, "_crept", lambda *_: None)
+    assert Analysis.of(pile).stability().falling

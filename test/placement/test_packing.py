@@ -114,6 +114,7 @@ def test_a_can_that_may_not_stand_would_roll():
     with pytest.raises(NoAnswerError, match="roll") as error:
         pack(totes.tote(), [can], Options(looks=[("turned", Upright(("x",)))]))
     assert error.value.data["refused"] == {"can": "would_roll"}
+    assert "nothing was packed, since 1 of" in str(error.value)
 
 
 @pytest.mark.parametrize(

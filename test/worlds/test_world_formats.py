@@ -105,6 +105,22 @@ def test_mujoco_and_bullet_load_what_is_written(tmp_path: Path) -> None:
     bullet.disconnect(client)
 
 
+def test_mujoco_gets_room_for_the_contacts_of_many_geoms(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    places = 0.1 * np.arange(60)
+    scene = Assembly(
+        tuple(
+            RigidObject(f"b{x:.1f}", Box((0.1, 0.1, 0.1)), Pose(np.eye(3), np.array([x, 0, 0])), True) for x in places
+        )
+    )
+    few = Assembly(scene.objects[:3])
+    write_world(scene, tmp_path / "many.xml")
+    write_world(few, tmp_path / "few.xml")
+    sizes = [mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml")).narena for name in ("many", "few")]
+    assert sizes[0] >= 1 << 30
+    assert sizes[1] < 1 << 25
+
+
 def test_what_a_format_cannot_express_is_said_and_pairs_of_mjcf_come_back(tmp_path: Path) -> None:
     scene = mixed()
     scene = Assembly(scene.objects, friction=0.4, friction_pairs=(FrictionPair(("floor", "crate"), 0.7),))

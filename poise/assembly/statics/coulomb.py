@@ -26,7 +26,8 @@ from poise.types import Array, Mask
 _CARRIED = 5e-5
 """A body stands when the catch carries less than this share of its load."""
 _FALLS = 1e-3
-"""A body of whose load the catch carries more than this share is not held by any further rounds."""
+"""A body of whose load the catch carries more than this share is not held by any further rounds, unless it creeps to a
+state in which it stands."""
 _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
@@ -34,7 +35,7 @@ _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
 _FEW = 2
 """Attempts where it is asked whether a block stands at a little more than at the end of a path."""
 _STUCK = 2
-"""The attempt after which bodies creep to where they stand."""
+"""The attempt after which bodies creep to where they stand; after an earlier one if it seems that they fall."""
 _REACHED = 2e-4
 """What may be left of the load on each body at a point of the path of a growing load."""
 _SMALL = 20
@@ -97,10 +98,13 @@ class CoulombBlock:
                 return found
             if deadline.passed:
                 return replace(found, known=False)
-            if (carried := self._shares.of(contacts.catch * u, load)) > _FALLS:
-                return ElasticState(False, carried, u)
-            if attempt == _STUCK and (crept := self._crept(load, deadline)) is not None:
+            falls = (carried := self._shares.of(contacts.catch * u, load)) > _FALLS
+            # Rounds may throw bodies far from a state in which they stand: what falls there may creep to it.
+            asked = attempt <= _STUCK < attempts and (falls or attempt == _STUCK)
+            if asked and (crept := self._crept(load, deadline)) is not None:
                 return crept
+            if falls:
+                return ElasticState(False, carried, u)
         return replace(found, known=False)
 
     def _crept(self, load: Array, deadline: Deadline) -> ElasticState | None:

@@ -13,6 +13,8 @@ from poise.worlds import convex_pieces
 
 _STIFF = (0.004, 1.0)
 """Time constant, s, and damping ratio of contacts."""
+_MEMORY = 1 << 30
+"""Bytes for contacts, of which MuJoCo touches what it needs: its default is too little for many mugs."""
 
 
 class Engine:
@@ -43,6 +45,7 @@ class Engine:
     def _spec(self, step: float, friction: float) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
+        spec.memory = _MEMORY
         spec.option.timestep = step
         spec.option.gravity = np.asarray(self.assembly.gravity, dtype=float)
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC

@@ -331,9 +331,12 @@ class _Job:
             f"{name} ({' x '.join(f'{s:.3g}' for s in sizes[name])} m): {REFUSALS[why]}" for name, why in named
         ]
         more = f", and {len(left) - len(named)} more" if len(left) > len(named) else ""
+        count = f"{len(placed)} of {len(self._items)} objects fit"
+        if self._impossible:  # the others were not tried
+            count = f"nothing was packed, since {len(left)} of {len(self._items)} objects cannot be"
         return NoAnswerError(
             ErrorCode.NO_PLACEMENT,
-            f"{len(placed)} of {len(self._items)} objects fit; {'; '.join(sentences)}{more}",
+            f"{count}; {'; '.join(sentences)}{more}",
             placed=placed,
             left=list(left),
             refused=dict(left),
