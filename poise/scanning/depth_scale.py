@@ -8,7 +8,6 @@ alike, as long as it keeps its distance; then the correction is right at that di
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from poise.scanning.camera import rotated
 from poise.scanning.frames import View
 from poise.scanning.fusion import pixels_of
 from poise.scanning.looking import each
+from poise.scanning.shared_errors import sandwich, variance_of
 from poise.scanning.support import NEAR, Plane
 from poise.types import Array
 
@@ -23,8 +23,8 @@ _LEAST, _MOST = 0.003, 0.04
 """Shares between which depth is corrected: less is within the specification, more is another unit or another camera."""
 _SURE = 3.5
 """Standard errors that a share has to be away from none."""
-_FEWEST, _GROUPS = 24, 12
-"""Views that are needed, and groups of views in a row, whose poses may err alike."""
+_FEWEST = 24
+"""Views that are needed."""
 _PRIOR = 1 / np.array([1.0, 1.0, 1.0, 1.0, *[np.deg2rad(0.5)] * 3, 2e-3, 2e-3]) ** 2
 """Of the plane's height, m, and slopes, the share, and the camera's turn, rad, and shift across its axis, m, on the
 hand: one sigma."""
@@ -48,22 +48,21 @@ def depth_scale(views: Sequence[View], plane: Plane, farthest: float) -> float:
     if len(views) < _FEWEST:
         return 0.0
     rows = each(views, lambda view: _rows(view, plane, farthest))
-    bounds = np.linspace(0, len(rows), _GROUPS + 1).round().astype(int)
-    groups = [_stacked(rows[first:last]) for first, last in pairwise(bounds)]
-    design, heights = _stacked(groups)
+    owners = np.repeat(np.arange(len(rows)), [len(heights) for _, heights in rows])
+    design, heights = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     unknowns: Array = np.zeros(len(_PRIOR))
     weights: Array = np.ones(len(heights))
     for _ in range(_ROUNDS):
-        noise = max(1.4826 * float(np.median(np.abs(heights - design @ unknowns))), _FINEST)
-        system = (design * weights[:, None]).T @ design / noise**2 + np.diag(_PRIOR)
-        unknowns = np.asarray(np.linalg.solve(system, design.T @ (weights * heights) / noise**2), np.float64)
-        reach = _REACH * noise  # what floats at the edges of other things is above the table
-        weights = _biweight((heights - design @ unknowns) / reach)
-    scores = np.array([of.T @ (_biweight((at - of @ unknowns) / reach) * (at - of @ unknowns)) for of, at in groups])
-    inverse = np.linalg.inv(system)
-    meat = scores.T @ scores / noise**4  # groups of views err alike (Liang and Zeger 1986)
-    sigma = float(np.sqrt((inverse @ meat @ inverse + inverse)[_SHARE, _SHARE]))
-    share = float(unknowns[_SHARE])
+        left = heights - design @ unknowns
+        # Poses that are off by themselves move all pixels of a view: these do not count as so many measurements.
+        precise = weights / variance_of(left, weights, owners, len(rows), _PIXELS)
+        system = (design * precise[:, None]).T @ design + np.diag(_PRIOR)
+        unknowns = np.asarray(np.linalg.solve(system, design.T @ (precise * heights)), np.float64)
+        left = heights - design @ unknowns
+        reach = _REACH * max(1.4826 * float(np.median(np.abs(left))), _FINEST)
+        weights = np.maximum(1 - (left / reach) ** 2, 0) ** 2  # what floats at edges of things is above the table
+    covariance = sandwich(system, design * (precise * left)[:, None], owners, len(rows))
+    share, sigma = float(unknowns[_SHARE]), float(np.sqrt(covariance[_SHARE, _SHARE]))
     return share if abs(share) > max(_LEAST, _SURE * sigma) and abs(share) < _MOST else 0.0
 
 
@@ -75,14 +74,6 @@ def rescaled(views: Sequence[View], share: float) -> list[View]:
         return replace(view, frame=replace(view.frame, depth=view.frame.depth * factor))
 
     return each(views, of_view)
-
-
-def _biweight(off: Array) -> Array:
-    return np.asarray(np.maximum(1 - off**2, 0) ** 2)
-
-
-def _stacked(rows: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    return np.concatenate([of for of, _ in rows]), np.concatenate([at for _, at in rows])
 
 
 def _rows(view: View, plane: Plane, farthest: float) -> tuple[Array, Array]:

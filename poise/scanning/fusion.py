@@ -277,9 +277,11 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, vox
     """Points that views agree on, each where they see it on average."""
     looked = in_all(views, lambda depths: depths.agreement(surface.points, BAND))
     agree, through, toward = (sum(shares) for shares in zip(*looked, strict=True))
-    kept = (agree >= fewest_views(len(views))) & (through <= _THROUGH * (agree + through))
-    judged = agree + through >= min(_JUDGES, len(views))  # by others than the view that it is from
-    agreed = float(surface.weights[kept & judged].sum() / max(surface.weights[judged].sum(), 1e-9))
+    solid, judges, fewest = through <= _THROUGH * (agree + through), min(_JUDGES, len(views)), fewest_views(len(views))
+    kept = (agree >= fewest) & solid
+    judged = agree + through >= judges  # by others than the view that it is from
+    alike = solid & (agree >= min(judges, fewest))  # two views that see a place alike do not disagree about it
+    agreed = float(surface.weights[alike & judged].sum() / max(surface.weights[judged].sum(), 1e-9))
     if agreed < least:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,

@@ -22,6 +22,8 @@ THICK = 2e-3
 """m of a table, from which on views disagree about it."""
 AGREED_WELL = 0.9
 """Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
+_BETTER = 0.03
+"""Of this share, by which views of either side of a push agree better than all do."""
 FAR_MOVED = 1e-2
 """m that a pose is moved, from which on something is wrong besides calibration."""
 
@@ -133,12 +135,29 @@ def _fused(
     ):
         return views, footprint, as_it_is, []
     if together is None or together.agreed < AGREED_WELL:
+        if as_it_is is not None and not _apart_only(views, move.stamp, footprint, options, as_it_is.agreed):
+            return views, footprint, as_it_is, []
         apart = f"{move}; the views before and after do not fit together"
         if as_it_is is None or move.distance > FAR_MOVED:
             raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: {apart}: fix the object to the table and scan again")
         return views, footprint, as_it_is, [apart]
     note = f"{move}; the views before were taken along with the object, which stands where it was seen last"
     return moved, there, together, [note]
+
+
+def _apart_only(views: Sequence[View], stamp: int, footprint: Footprint, options: ScanOptions, agreed: float) -> bool:
+    """Whether views on one side of an instant agree better than all do: else it is not a push that they disagree about.
+
+    Depth that is wrong at edges, or an object that looks alike after a turn, lets a motion explain some of it.
+    """
+    sides = [view for view in views if view.frame.stamp < stamp], [view for view in views if view.frame.stamp >= stamp]
+    shares = []
+    for side in sides:
+        try:
+            shares.append(fuse(side, footprint, options.voxel, 0.0).agreed)
+        except InputError:  # too few views, or nothing of it
+            return True
+    return float(np.mean(shares)) > agreed + _BETTER
 
 
 def _agreed_surface(views: Sequence[View], footprint: Footprint, options: ScanOptions) -> Surface | None:

@@ -12,7 +12,7 @@ import numpy as np
 from poise.scanning.frames import View
 from poise.scanning.fusion import SLANT, Surface, pixels_of
 from poise.scanning.looking import each, lookup
-from poise.scanning.shared_errors import DELAY, GROUPS, INDEPENDENT, PLANE, PRIOR, SHARE, Path, moves_with, sandwich
+from poise.scanning.shared_errors import DELAY, GROUPS, PLANE, PRIOR, SHARE, Path, moves_with, sandwich, variance_of
 from poise.scanning.support import Plane
 from poise.types import Array, Indices, Mask
 
@@ -24,8 +24,6 @@ _SETTLED = 1e-4, 5e-5
 """m by which a round moves the surface, and views against each other, below which it is the last one."""
 _APART = 2.5e-4
 """m, rms, by which views are moved against each other, from which on the poses are corrected."""
-_FINEST = 3e-4
-"""m, of a pixel's noise."""
 _ROUNDS = 4
 _OFF, _SURE = 2.0, 3.0
 """Standard errors by which the surface has to be off, for the poses to be corrected; and an error, to be named."""
@@ -78,13 +76,8 @@ class _Rows(NamedTuple):
     owners: Indices
 
     def variance(self, unknowns: Array, count: int) -> Array:
-        """(N,) m2: of the noise, of which a view's pixels share some, and of what else a view's distances share."""
-        left = self.off + self.design @ unknowns
-        noise = max(1.4826 * float(np.median(np.abs(left))), _FINEST)
-        total = np.maximum(np.bincount(self.owners, self.weights, minlength=count), 1e-9)
-        means = np.bincount(self.owners, self.weights * left, minlength=count) / total
-        pixels = np.bincount(self.owners, minlength=count)[self.owners]
-        return np.asarray(noise**2 * np.maximum(pixels / INDEPENDENT, 1.0) + pixels * (total @ means**2) / total.sum())
+        """(N,) m2, of what unknowns (11,) leave; of `count` views."""
+        return variance_of(self.off + self.design @ unknowns, self.weights, self.owners, count)
 
 
 class _Disagreement(NamedTuple):

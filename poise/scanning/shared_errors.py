@@ -39,6 +39,8 @@ _GATES = (0.02, 0.012, 0.008, 0.006, 0.006)
 """m off the plane within which pixels are of the table; one round each."""
 _FINEST, _REACH, _NARROWEST = 3e-4, 4.0, 2e-3
 """m, of a pixel's noise; how many times it a pixel of the table may be off; and m that it may be off at least."""
+_WEIGHED = 2
+"""Times that a round weighs views by what it leaves of them."""
 _BAND = 4e-3
 """m off the plane from which on a pixel costs 1."""
 _CLEAR, _CURED = 2.5e-4, 0.004
@@ -162,14 +164,21 @@ class _Table:
             noise = max(1.4826 * float(np.median(close)), _FINEST) if len(close) else gate
             reach = min(gate, max(_REACH * noise, _NARROWEST))
             weights = np.where(used, np.maximum(1 - (heights / reach) ** 2, 0) ** 2, 0)
-            variance = noise**2 * max(len(heights) / len(self._views) / INDEPENDENT, 1.0)
-            rows, prior = design[:, free], PRIOR[free]
+            near, prior = weights > 0, PRIOR[free]
+            if not near.any():
+                continue
+            rows, off, owners = design[near][:, free], heights[near], self._owners[near]
             pull = np.where(np.arange(11) < SHARE, 0.0, unknowns)[free] * prior
-            system = (rows * weights[:, None]).T @ rows / variance + np.diag(prior)
-            step = np.linalg.solve(system, rows.T @ (weights * heights) / variance + pull)
+            step: Array = np.zeros(len(prior))
+            for _ in range(_WEIGHED):
+                # Poses that are off by themselves move all pixels of a view, as no error that they share does.
+                variance = variance_of(off - rows @ step, weights[near], owners, len(self._views))
+                precise = weights[near] / variance
+                system = (rows * precise[:, None]).T @ rows + np.diag(prior)
+                step = np.asarray(np.linalg.solve(system, rows.T @ (precise * off) + pull), np.float64)
             unknowns[free] -= step
-        off = np.minimum((heights / _BAND) ** 2, 1.0)
-        cost = float(np.mean(1 - (1 - off) ** 3)) if len(off) else 0.0
+        beyond = np.minimum((heights / _BAND) ** 2, 1.0)
+        cost = float(np.mean(1 - (1 - beyond) ** 3)) if len(beyond) else 0.0
         flat, change = design[weights > 0, PLANE], design[weights > 0, DELAY:] @ unknowns[DELAY:]
         change = change - flat @ np.linalg.lstsq(flat, change, rcond=None)[0] if len(change) else change
         return _TableFit(unknowns, cost, float(np.sqrt(np.mean(change**2))) if len(change) else 0.0)
@@ -194,6 +203,23 @@ class _Table:
 
     def _rates(self, views: Sequence[View], unknowns: Array) -> tuple[Array, Array]:
         return self._path.rates(views, unknowns[DELAY:])
+
+
+def variance_of(left: Array, weights: Array, owners: Indices, count: int, independent: float = INDEPENDENT) -> Array:
+    """(N,) m2: of the noise of distances, of which a view's pixels share some, and of what else a view's share.
+
+    Args:
+        left: (N,) m that no unknown explains.
+        weights: (N,) of the distances.
+        owners: (N,) the views that they are from.
+        count: of the views.
+        independent: pixels of a view whose noise counts as independent.
+    """
+    noise = max(1.4826 * float(np.median(np.abs(left))), _FINEST)
+    total = np.maximum(np.bincount(owners, weights, minlength=count), 1e-9)
+    means = np.bincount(owners, weights * left, minlength=count) / total
+    pixels = np.bincount(owners, minlength=count)[owners]
+    return np.asarray(noise**2 * np.maximum(pixels / independent, 1.0) + pixels * (total @ means**2) / total.sum())
 
 
 def sandwich(system: Array, scores: Array, owners: Indices, count: int) -> Array:
