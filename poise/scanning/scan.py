@@ -278,7 +278,8 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
     """
     check_depth(views, options)
     points, plane = table_of(views, options)
-    return things_on(views, points, plane, options)[1]
+    _, middles, standing = things_on(views, points, plane, options)
+    return middles[standing]
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:

@@ -12,6 +12,9 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from poise.kernels import COMPILED, merged_clusters
 from poise.shape.lighting import colour_noise, colour_steps
@@ -267,6 +270,7 @@ def build_hierarchy(
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
     pairs, borders = _touching(solid, leaves, n_leaves), _borders(graph, point_leaves, n_leaves)
+    pairs = np.concatenate([pairs, _bridges(solid, leaves, pairs, costs.least)])
     clusters.considered = considered
     compiled = COMPILED and n_leaves <= _MOST_COMPILED and considered is None
     merges = clusters.merged_compiled(pairs, borders) if compiled else _merge_all(clusters, pairs, borders)
@@ -280,6 +284,26 @@ def _touching(solid: Solid, leaves: Indices, count: int) -> Indices:
     shared = np.zeros(count * count, bool)
     shared[(i * count + j)[i < j]] = True
     return np.stack(np.divmod(np.flatnonzero(shared), count), axis=1)
+
+
+def _bridges(solid: Solid, leaves: Indices, pairs: Indices, least: float) -> Indices:
+    """(K, 2) leaves, the lower first, that join pieces too small to be parts, which touch nothing, to the nearest.
+
+    Specks of noise beside a surface are such pieces.
+    """
+    count = int(leaves.max()) + 1
+    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+    piece = connected_components(links, directed=False)[1][leaves]
+    shares = np.bincount(piece, solid.volumes) / solid.volume
+    small = shares < min(least, shares.max())
+    if not small.any():
+        return np.zeros((0, 2), dtype=np.int64)
+    middles = solid.centroids
+    own, others = (np.flatnonzero(small[piece] == which) for which in (True, False))
+    away, nearest = cKDTree(middles[others]).query(middles[own])
+    order = np.argsort(away, kind="stable")
+    first = order[np.unique(piece[own[order]], return_index=True)[1]]
+    return np.sort(np.stack([leaves[own[first]], leaves[others[nearest[first]]]], axis=1), axis=1)
 
 
 def _borders(graph: SurfaceGraph, point_leaves: Indices, count: int) -> tuple[Indices, Array, Array]:

@@ -306,14 +306,6 @@ def test_a_mass_on_a_spring_moves_by_newtons_law():
     agree(found, point_mass_wrench(at, 0.6, POINT + z[:, None] * AXIS), share=5e-3)
 
 
-def test_what_moves_with_most_of_the_payload_is_as_likely_a_grasp_that_gives():
-    """A hinge at the grip was `flexible_mode` (99.5 %): its mode has two thirds of the payload's mass."""
-    at, effect = recorded(), effect_named("flexible_mode")
-    values = filled(effect, at, TYPICAL["flexible_mode"])
-    assert effect.twins(at, {**values, "mass": 0.3 * at.phi[0]}) == ()
-    assert effect.twins(at, {**values, "mass": 0.62 * at.phi[0]}) == ("grasp_compliance",)
-
-
 def _swing(at, omega, ratio):
     """(N,) the exact motion along the axis, by an independent integration of the equation in the turning tool."""
     pull = make_interp_spline(at.seconds, specific_at(at, POINT) @ AXIS, k=3)

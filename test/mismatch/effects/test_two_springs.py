@@ -27,3 +27,11 @@ def test_two_springs_are_found_one_after_the_other():
     assert names(best) == ("flexible_mode", "flexible_mode")
     found = sorted(part.values["frequency"] for part in best.parts)
     assert found == pytest.approx([3.1, 6.4], rel=0.02)
+
+
+def test_what_moves_with_most_of_the_payload_is_as_likely_a_grasp_that_gives():
+    """A hinge at the grip was `flexible_mode` (99.5 %): its mode has two thirds of the payload's mass."""
+    at = recorded()
+    values = {"frequency": 5.8, "damping_ratio": 0.1, **chart([0.0, 1.0, 0.0]), **PLACE}
+    assert SPRING.twins(at, {**values, "mass": 0.3 * at.phi[0]}) == ()
+    assert SPRING.twins(at, {**values, "mass": 0.62 * at.phi[0]}) == ("grasp_compliance",)
