@@ -18,7 +18,7 @@ from poise.scanning.camera import rotated
 from poise.scanning.frames import View
 from poise.scanning.looking import WORKERS, each, in_all
 from poise.scanning.support import Footprint
-from poise.types import Array, Indices, Single
+from poise.types import Array, Indices, Mask, Single
 
 COARSE, _COARSEST, _COARSE_PIXELS = 8, 12, 300_000
 """Pixels between those that show the table; at the most in the first look, and how many that takes of all views."""
@@ -97,6 +97,18 @@ def pixels_of(view: View, count: int, farthest: float) -> Single:
 def fewest_views(count: int) -> int:
     """How many of some views have to see a point alike."""
     return next(fewest for least, fewest in _FEWEST_VIEWS if count >= least)
+
+
+def agreement(views: Sequence[View], points: Array) -> tuple[Indices, Indices, Array]:
+    """(N,) views that see points (N, 3) m, (N,) that look through them, and (N, 3) toward the cameras of the former."""
+    looked = in_all(views, lambda depths: depths.agreement(points, BAND))
+    agree, through, toward = (np.sum(shares, axis=0) for shares in zip(*looked, strict=True))
+    return agree, through, toward
+
+
+def is_solid(agree: Indices, through: Indices) -> Mask:
+    """(N,) whether few enough views look through a point, of those that `agreement` found."""
+    return np.asarray(through <= _THROUGH * (agree + through))
 
 
 def fuse(views: Sequence[View], footprint: Footprint, voxel: float, agreed: float = AGREED) -> Surface:
@@ -275,9 +287,8 @@ def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float
 
 def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, voxel: float, least: float) -> Surface:
     """Points that views agree on, each where they see it on average."""
-    looked = in_all(views, lambda depths: depths.agreement(surface.points, BAND))
-    agree, through, toward = (sum(shares) for shares in zip(*looked, strict=True))
-    solid, judges, fewest = through <= _THROUGH * (agree + through), min(_JUDGES, len(views)), fewest_views(len(views))
+    agree, through, toward = agreement(views, surface.points)
+    solid, judges, fewest = is_solid(agree, through), min(_JUDGES, len(views)), fewest_views(len(views))
     kept = (agree >= fewest) & solid
     judged = agree + through >= judges  # by others than the view that it is from
     alike = solid & (agree >= min(judges, fewest))  # two views that see a place alike do not disagree about it

@@ -7,8 +7,7 @@ from scipy import ndimage
 
 from poise.errors import ErrorCode, InputError
 from poise.scanning.frames import View
-from poise.scanning.fusion import BAND, coarse_points, fewest_views
-from poise.scanning.looking import in_all
+from poise.scanning.fusion import agreement, coarse_points, fewest_views, is_solid
 from poise.scanning.options import ScanOptions
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
 from poise.scanning.uniting import united
@@ -84,10 +83,8 @@ def _standing(views: Sequence[View], points: Array, plane: Plane, footprints: Se
     x, y, heights = plane.placed(points).T
     owned = [np.flatnonzero(footprint.holds(x, y) & (heights > footprint.floor)) for footprint in footprints]
     asked = [own[:: len(own) // _ASKED + 1] for own in owned]
-    places = points[np.concatenate(asked)]
-    looked = in_all(views, lambda depths: depths.agreement(places, BAND))
-    agree, through, _ = (sum(shares) for shares in zip(*looked, strict=True))
-    alike = (agree >= fewest_views(len(views))) & (through <= agree)
+    agree, through, _ = agreement(views, points[np.concatenate(asked)])
+    alike = (agree >= fewest_views(len(views))) & is_solid(agree, through)
     shares = np.array([np.mean(own) for own in np.split(alike, np.cumsum([len(own) for own in asked])[:-1])])
     high = np.array([footprint.top > _LOW for footprint in footprints])
     return np.asarray(high | (shares >= _AGREED * shares.max()))

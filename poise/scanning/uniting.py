@@ -10,14 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from poise.errors import InputError
 from poise.scanning.frames import View
 from poise.scanning.fusion import fuse
 from poise.scanning.support import Footprint
+from poise.shape import linked
 from poise.types import Array, Indices
 
 _REACH = 3.0
@@ -58,14 +57,8 @@ def united(
 
 def _connected(count: int, pairs: list[tuple[int, int]]) -> list[list[int]]:
     """Numbers of things in groups that pairs connect, in their order."""
-    own = _groups(count, np.array(pairs, int).reshape(-1, 2))
+    own = linked(count, np.array(pairs, int).reshape(-1, 2))
     return [np.flatnonzero(own == group).tolist() for group in dict.fromkeys(own.tolist())]
-
-
-def _groups(count: int, pairs: Indices) -> Indices:
-    """(K,) the group of each of K things that pairs (P, 2) connect."""
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _touching(footprints: Sequence[Footprint]) -> list[tuple[int, int]]:
@@ -91,7 +84,7 @@ def _same_surface(views: Sequence[View], footprints: Sequence[Footprint], voxel:
     owner = np.full(len(points), -1)
     for number, one in enumerate(footprints):
         owner[one.holds(flat[:, 0], flat[:, 1])] = number
-    surface = _groups(len(points), cKDTree(points).query_pairs(_REACH * voxel, output_type="ndarray"))
+    surface = linked(len(points), cKDTree(points).query_pairs(_REACH * voxel, output_type="ndarray"))
     return [pair for one in np.unique(surface) for pair in _pairs(owner[surface == one])]
 
 

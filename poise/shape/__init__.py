@@ -10,6 +10,7 @@
 """
 
 from poise.shape.clouds import Cloud, read_cloud
+from poise.shape.grouping import linked
 from poise.shape.independent import independent_parts
 from poise.shape.mesh_clouds import read_surface
 from poise.shape.meshes import MESH_FORMATS, CheckedMesh, check_mesh, read_mesh, read_triangles
@@ -32,6 +33,7 @@ __all__ = [
     "colour_of",
     "independent_parts",
     "labelled_ply",
+    "linked",
     "part_surface",
     "read_cloud",
     "read_mesh",

@@ -12,11 +12,10 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from poise.kernels import COMPILED, merged_clusters
+from poise.shape.grouping import linked
 from poise.shape.lighting import colour_noise, colour_steps
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
@@ -291,9 +290,7 @@ def _bridges(solid: Solid, leaves: Indices, pairs: Indices, least: float) -> Ind
 
     Specks of noise beside a surface are such pieces.
     """
-    count = int(leaves.max()) + 1
-    links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
-    piece = connected_components(links, directed=False)[1][leaves]
+    piece = linked(int(leaves.max()) + 1, pairs)[leaves]
     shares = np.bincount(piece, solid.volumes) / solid.volume
     small = shares < min(least, shares.max())
     if not small.any():

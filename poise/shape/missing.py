@@ -8,11 +8,10 @@ plate, or of a shorter object: only the places of the points distinguish them.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from poise.geometry import cross
+from poise.shape.grouping import linked
 from poise.shape.nearest import nearest
 from poise.shape.reflections import has_mirror_image
 from poise.shape.solid import Solid
@@ -203,9 +202,8 @@ def _faces(places: Array, normals: Array, touching: float) -> list[Indices]:
     """Rows of places (M, 3) that lie together and face the same way, the largest faces first."""
     i, j = cKDTree(places).query_pairs(touching, output_type="ndarray").T if len(places) else np.zeros((2, 0), int)
     alike = np.einsum("ij,ij->i", normals[i], normals[j]) > _SAME_WAY
-    graph = coo_array((np.ones(alike.sum()), (i[alike], j[alike])), shape=(len(places),) * 2)
-    count, member = connected_components(graph, directed=False)
-    sizes = np.bincount(member, minlength=count)
+    member = linked(len(places), np.stack([i[alike], j[alike]], axis=1))
+    sizes = np.bincount(member)
     return [np.flatnonzero(member == one) for one in np.argsort(-sizes)[:_MOST_FACES]]
 
 

@@ -6,11 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import cross, lengths
+from poise.shape.grouping import linked
 from poise.types import Array, Indices, Mask
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -59,11 +58,8 @@ class Solid:
     def pieces(self) -> tuple[Array, Indices]:
         """(P,) m3 of what hangs together by faces, and (T,) the piece of each tetrahedron."""
         owner, behind = np.repeat(np.arange(len(self.tetrahedra)), 4), self.neighbours.ravel()
-        pairs: Indices = np.stack([owner[behind >= 0], behind[behind >= 0]])
-        count = len(self.tetrahedra)
-        graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(count, count))
-        pieces, member = connected_components(graph, directed=False)
-        return np.bincount(member, self.volumes, minlength=pieces).astype(np.float64), member
+        member = linked(len(self.tetrahedra), np.stack([owner[behind >= 0], behind[behind >= 0]], axis=1))
+        return np.bincount(member, self.volumes).astype(np.float64), member
 
     @cached_property
     def centroids(self) -> Array:

@@ -17,7 +17,7 @@ from poise.types import Array
 from poise.worlds import solids
 from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WorldLink, grouped
-from poise.worlds.mjcf_text import mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance, mjcf_round_pairs
+from poise.worlds.mjcf_text import MJCF_MEMORY, mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance, mjcf_round_pairs
 
 _FREE = 0
 """mjtJoint of a body that moves freely."""
@@ -67,7 +67,7 @@ class MjcfFormat(WorldFormat):
         remarks = "".join(f"\n  not written: {each}" for each in lost).replace("--", "- -")
         text = f"""<!-- a scene of Poise{remarks} -->
 <mujoco model={quoteattr(path.stem)}>
-  <size memory="{_MEMORY if sum(map(len, geoms.values())) > _MANY else -1}"/>
+  <size memory="{MJCF_MEMORY if sum(map(len, geoms.values())) > _MANY else -1}"/>
   <option timestep="0.001" gravity="{gravity}" cone="elliptic" impratio="100" noslip_iterations="5"/>
   <default><geom solref="0.004 1"/></default>
   <asset>{"".join(meshes)}</asset>
@@ -82,9 +82,8 @@ class MjcfFormat(WorldFormat):
 
 _FRICTION = 1.0
 """Of geoms that give none."""
-_MANY, _MEMORY = 50, "1G"
-"""Of more geoms than that MuJoCo gets room for their contacts: 451 contacts do not fit into its default of 16 MB. It
-touches only what it needs."""
+_MANY = 50
+"""Of more geoms than that MuJoCo gets room for their contacts."""
 
 
 def _compiled(path: Path) -> tuple[Any, Any]:

@@ -14,6 +14,9 @@ from poise.types import Array
 from poise.worlds.assembling import inertial_of
 from poise.worlds.pieces import convex_pieces
 
+MJCF_MEMORY = 1 << 30
+"""Bytes for contacts, of which MuJoCo touches what it needs: 451 contacts do not fit into its default of 16 MB."""
+
 
 def mjcf_place(pose: Pose) -> str:
     """The attributes `pos` and `quat`."""

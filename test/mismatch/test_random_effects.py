@@ -39,10 +39,12 @@ def test_effects_on_random_robots_have_no_false_name(seed: int, effect: str, tmp
     assert verdict.right == (effect != "base_motion")
 
 
-def test_a_seed_gives_the_same_case(tmp_path: Path) -> None:
-    seed = 7072
-    for name in ("first", "second"):
-        (tmp_path / name).mkdir()
-    first, second = (random_case(seed, tmp_path / name) for name in ("first", "second"))
+def test_kinds_come_in_turn_and_a_seed_gives_the_same_case(tmp_path: Path) -> None:
+    kinds = []
+    for seed in (7072, 7073):
+        (tmp_path / str(seed)).mkdir()
+        kinds.append(random_case(seed, tmp_path / str(seed)).label["kind"])
+    assert kinds == [kind for kind, _ in TURNS[:2]]
+    (tmp_path / "again").mkdir()
+    first, second = (random_case(7073, tmp_path / name) for name in ("7073", "again"))
     assert first.label == second.label
-    assert (first.label["kind"], 0.0) == TURNS[seed % len(TURNS)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from poise.fake_robots.rasteriser import look_at
 from poise.scanning import Camera, Frame, View
 from poise.scanning.depth_scale import depth_scale, rescaled
 from poise.scanning.fusion import coarse_points
@@ -32,11 +33,7 @@ def over_table(seed: int, jitter: tuple[float, float] = JITTER, count: int = 40)
     for number in range(count):
         level, up = 0.4 * np.cos(height[number]), 0.4 * np.sin(height[number])
         place = np.array([level * np.cos(angle[number]), level * np.sin(angle[number]), up])
-        z = rng.normal(scale=0.01, size=3) - place
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0.0, 0.0, 1.0])
-        x /= np.linalg.norm(x)
-        turn = np.stack([x, np.cross(z, x), z], axis=1)
+        turn = look_at(place, rng.normal(scale=0.01, size=3))
         down = np.tensordot(turn[2, :2], CAMERA.rays, axes=1) + turn[2, 2]
         depth = np.where(down < -0.05, -up / np.minimum(down, -0.05), 0.0)
         noisy = np.where((depth > 0) & (depth < 1.2), depth + rng.normal(scale=8e-4, size=depth.shape), 0.0)

@@ -9,12 +9,10 @@ from poise.assembly import Assembly, Box, Cylinder, RigidObject, Sphere
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, quaternion_of_rotation
 from poise.types import Array
-from poise.worlds import convex_pieces
+from poise.worlds import MJCF_MEMORY, convex_pieces
 
 _STIFF = (0.004, 1.0)
 """Time constant, s, and damping ratio of contacts."""
-_MEMORY = 1 << 30
-"""Bytes for contacts, of which MuJoCo touches what it needs: its default is too little for many mugs."""
 
 
 class Engine:
@@ -45,7 +43,7 @@ class Engine:
     def _spec(self, step: float, friction: float) -> Any:
         mujoco = self._mujoco
         spec = mujoco.MjSpec()
-        spec.memory = _MEMORY
+        spec.memory = MJCF_MEMORY
         spec.option.timestep = step
         spec.option.gravity = np.asarray(self.assembly.gravity, dtype=float)
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
