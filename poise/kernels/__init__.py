@@ -5,7 +5,7 @@ where the library is not installed (no compiler was there) or belongs to another
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
 - `bounds`: least squares with bounds. `carving`: balls and tetrahedra. `chain`: forward kinematics.
-- `clocks`: sums at many lags. `clusters`: of points. `lookup`: points in depth images.
+- `clocks`: sums at many lags. `clusters`: of points. `grips`: payloads that turn. `lookup`: points in depth images.
 - `matching`: surfaces moved to their points. `merging`: clusters. `neighbours`: nearest points, tetrahedra.
 - `records`: records of an mcap file. `recursions`: filters and moving parts. `robust`: least squares that weigh
   outliers less. `search`: the rounds of an estimate. `slips`: first slips on a patch. `smoothing`: splines.
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.clocks import clock_sums
     from poise.kernels.clusters import clustered_points
+    from poise.kernels.grips import turned_in_grip, turned_load
     from poise.kernels.lookup import CompiledLookup, pixels_between
     from poise.kernels.matching import Drawn, matched_places
     from poise.kernels.merging import merged_clusters
@@ -70,6 +71,8 @@ __all__ = [
     "rope",
     "side_averages",
     "tetrahedra_of",
+    "turned_in_grip",
+    "turned_load",
     "ways_in",
     "weighed_sums",
 ]
@@ -96,6 +99,8 @@ _FILES = {
     "pendulum": "recursions",
     "rope": "recursions",
     "first_slips": "slips",
+    "turned_in_grip": "grips",
+    "turned_load": "grips",
     "CompiledSplines": "smoothing",
     "Drawn": "matching",
     "matched_places": "matching",

@@ -40,6 +40,11 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
         [_INT, _INT, *[_POINTER] * 5, ctypes.c_double, _INT, _POINTER],
     ),
     "poise_between_stops": (None, [_INT, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
+    "poise_turned_load": (None, [_INT, *[_POINTER] * 4]),
+    "poise_turned_in_grip": (
+        None,
+        [_INT, _INT, *[_POINTER] * 6, *[ctypes.c_double] * 2, _INT, *[ctypes.c_double] * 2, _POINTER],
+    ),
     "poise_elastic_new": (_POINTER, [_POINTER]),
     "poise_elastic_free": (None, [_POINTER]),
     "poise_whitened": (

@@ -63,7 +63,7 @@ class Oscillator:
 
     def __init__(self, seconds: Array, stiffness: ArrayLike, damping: ArrayLike) -> None:
         self._step, self._k, self._c = np.broadcast_arrays(np.diff(seconds), stiffness, damping)
-        self._matrix = _transition(self._step, self._k, self._c)
+        self._matrix = transition(self._step, self._k, self._c)
         # s+ = M s + g for all stamps at once: a lower triangular system with three bands.
         self._band = np.zeros((4, 2 * len(seconds)), order="F")
         self._band[0] = 1.0
@@ -87,8 +87,8 @@ class Oscillator:
         return np.asarray(solved[::2]), np.asarray(solved[1::2])
 
 
-def _transition(h: Array, k: Array, c: Array) -> Array:
-    """(2, 2, n) what x and dx become after h seconds without force."""
+def transition(h: Array, k: Array, c: Array) -> Array:
+    """(2, 2, n) what x and dx of an `Oscillator` become after h seconds without force, for h, k and c (n,)."""
     rate = k - c**2 / 4.0
     root = np.sqrt(np.abs(rate)) + 1e-12
     # A damping beyond the critical one turns cosine and sine into the hyperbolic ones.

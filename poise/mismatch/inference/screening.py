@@ -89,7 +89,7 @@ def _screened(
         hopeful = (first.effect.rough or first.potential > least) and not limit.over()
         tried = [first]
         if hopeful:
-            near = [each for each in others if first.effect.rough or each.potential > _NEAR_LAW * first.potential]
+            near = [each for each in others if first.effect.rough or each.potential >= _NEAR_LAW * first.potential]
             tried = [_refined(problem, regression, recorded, each, least) for each in (first, *near)]
         done = max((_possible(recorded, each) for each in tried), key=lambda each: each.gain)
         found.append(replace(done, visibility=first.visibility))

@@ -20,10 +20,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.model.parameters import symmetric
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.cable import _cord, _line
-from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
 from poise.mismatch.reading import complete_values, recorded_from_motion
@@ -124,18 +122,6 @@ def test_a_constant_force_of_the_world_keeps_its_direction_and_its_point():
     found = response("world_force", at, force_x=2.0, force_y=-1.0, force_z=0.5, **PLACE)
     np.testing.assert_allclose(in_world(at, found[:, :3]), np.broadcast_to([2.0, -1.0, 0.5], (len(at), 3)), atol=1e-12)
     np.testing.assert_allclose(found[:, 3:], np.cross(POINT, found[:, :3]), atol=1e-12)
-
-
-def test_the_search_for_a_soft_grasp_is_not_misled_by_errors_of_calibration():
-    """A bias, gains and a shifted centre of mass explain more of the wrench than the payload that turns."""
-    at = recorded(jitter=0.0)
-    turned = response("grasp_compliance", at, stiffness=90.0, damping_ratio=0.2, height=0.01)
-    errors = np.array([0.3, -0.2, 0.4, 0.02, -0.02, 0.01]) + at.nominal * [0.01, -0.01, 0.008, 0.01, -0.01, 0.01]
-    errors[:, 3:] += np.cross([0.01, -0.006, 0.008], at.specific)
-    noise = np.random.default_rng(5).normal(size=turned.shape) * np.repeat([0.1, 0.005], 3)
-    assert np.linalg.norm(errors) > np.linalg.norm(turned)
-    (start,) = effect_named("grasp_compliance").starts(at, turned + errors + noise)
-    assert 45.0 < start["stiffness"] < 180.0
 
 
 @pytest.mark.parametrize(
@@ -348,49 +334,3 @@ def test_a_loose_part_is_held_at_a_stop_or_flies_by_newtons_law():
     assert len(flies) > 10
     total = (found + 0.35 * point_wrench(at, POINT))[flies, :3] @ AXIS
     assert np.abs(total).max() < 0.01 * 0.35 * STANDARD_GRAVITY
-
-
-@pytest.mark.parametrize("stiffness", [40.0, 300.0])
-def test_a_payload_in_a_soft_grip_moves_by_the_laws_of_momentum(stiffness):
-    """Its turn is given; force and torque are then the change of its linear and angular momentum in the world."""
-    at, height = fine(), 0.03
-    values = {"stiffness": stiffness, "damping_ratio": 0.2, "height": height}
-    found = at.prediction + effect_named("grasp_compliance").simulate(at, values)
-    turn, _, _ = _turns(at, values)
-    pivot = np.array([0.0, 0.0, height])
-    rotation = at.rotation_world_sensor @ Rotation.from_rotvec(turn).as_matrix()
-    to_centre = np.einsum("nij,j->ni", rotation, PAYLOAD.com - pivot)
-    centre = at.position_in_world + in_world(at, pivot) + to_centre
-    spin = _spin(at, rotation)
-    momentum = np.einsum("nij,jk,nlk,nl->ni", rotation, PAYLOAD.inertia, rotation, spin)
-    force = PAYLOAD.mass * (DOWN - rate(at, centre, 2))
-    torque = np.cross(centre - at.position_in_world, force) - rate(at, momentum)
-    exact = np.hstack([np.einsum("nji,nj->ni", at.rotation_world_sensor, part) for part in (force, torque)])
-    agree(found, exact, share=1e-2)
-    # The springs hold what the payload asks of them: k theta + c theta' = torque about the pivot.
-    about = found[:, 3:] - np.cross(pivot, found[:, :3])
-    first = symmetric(PAYLOAD.phi[4:])[0, 0] - 2 * height * PAYLOAD.phi[3] + PAYLOAD.mass * height**2
-    damping = 2 * 0.2 * np.sqrt(stiffness * first)
-    agree(stiffness * turn + damping * rate(at, turn), about, share=2e-2)
-
-
-def _spin(at, rotation):
-    """(N, 3) angular velocity in the world of (N, 3, 3), by differences of its entries."""
-    change = rate(at, rotation.reshape(len(rotation), 9)).reshape(-1, 3, 3) @ rotation.swapaxes(1, 2)
-    return np.stack([change[:, 2, 1], change[:, 0, 2], change[:, 1, 0]], axis=1)
-
-
-def test_a_soft_grip_at_rest_sags_until_the_spring_holds_the_weight():
-    at, stiffness = at_rest(duration=1.0, pose=HOME + 0.3), 30.0
-    values = {"stiffness": stiffness, "damping_ratio": 0.2, "height": 0.0}
-    turn, _, _ = _turns(at, values)
-    lever = Rotation.from_rotvec(turn[0]).as_matrix() @ PAYLOAD.com
-    np.testing.assert_allclose(stiffness * turn[0], np.cross(lever, PAYLOAD.mass * at.gravity[0]), atol=2e-3)
-
-
-def test_a_stiffer_grip_gives_way_less_in_proportion():
-    values = {"damping_ratio": 0.5, "height": 0.0}
-    stiff, soft = (
-        effect_named("grasp_compliance").simulate(fine(), values | {"stiffness": k})[200:] for k in (4000.0, 400.0)
-    )
-    np.testing.assert_allclose(10 * stiff, soft, atol=0.05 * np.abs(soft).max())
