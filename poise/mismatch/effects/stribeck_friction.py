@@ -88,6 +88,9 @@ class StribeckFriction(DryFriction):
         fastest = float(np.abs(efforts(recorded).velocity).max()) if recorded.effort is not None else np.inf
         if values["velocity"] > _SLOW * fastest:
             return f"stiction would reach up to {values['velocity']:.2f} rad/s of {fastest:.2f} rad/s"
+        velocity = self.parameters(recorded)[0]
+        if velocity.at_end(values["velocity"]) and values["velocity"] < 2.0 * velocity.low:
+            return f"stiction would act below {velocity.low:.2f} rad/s alone, where dry friction reverses"
         stiction, torque = (sum(values[f"{kind}_{i}"] for i in numbers(recorded)) for kind in ("stiction", "torque"))
         torque += sum(in_model(recorded, "friction"))
         return super().implausible(recorded, values) or ("there is no stiction" if stiction < 0.1 * torque else "")

@@ -216,9 +216,12 @@ def test_stiction_does_not_act_over_the_whole_range_of_speeds():
     at = effort_world()
     effect, fastest = effect_named("stribeck_friction"), np.abs(at.effort.velocity).max()
     sizes = {f"torque_{i}": 1.0 for i in JOINTS} | {f"stiction_{i}": 1.0 for i in JOINTS}
-    values = [filled(effect, at, sizes | {"transition": 0.01, "velocity": share * fastest}) for share in (0.1, 0.7)]
+    speeds = (0.1 * fastest, 0.7 * fastest, 0.02)
+    values = [filled(effect, at, sizes | {"transition": 0.01, "velocity": speed}) for speed in speeds]
     said = [effect.implausible(at, each) for each in values]
     assert not said[0]
+    # A peak at the lower end of the range is another law by which Coulomb friction reverses.
+    assert "where dry friction reverses" in said[2]
     assert "of speeds" in said[1] or "stiction would reach" in said[1]
 
 
