@@ -121,27 +121,30 @@ class World:
         early = round(SETTLING / STEP)
         rows = np.empty((scene.steps, 3 * len(self.driven) + 19))
         mass, block = np.empty((model.nv, model.nv)), np.ix_(self.driven, self.driven)
+        # Views: each access to a member of MuJoCo's data makes an array.
+        qpos, qvel, bias, forces, external = data.qpos, data.qvel, data.qfrc_bias, data.qfrc_applied, data.xfrc_applied
+        place, turn, sensed = data.xpos[self.frame], data.xmat[self.frame], data.sensordata
+        gravity, down = model.opt.gravity, scene.tilt + DOWN
         for step in range(-early, scene.steps):
             at = max(step, 0)
             still = 0.0 if step < 0 else 1.0
             self.time = step * STEP
-            q, v = data.qpos[self.address], data.qvel[self.driven]
-            rows[at, -12:] = np.concatenate([data.xpos[self.frame], data.xmat[self.frame]])
-            rows[at, : 2 * len(q)] = np.concatenate([q, v])
+            q, v = qpos[self.address], qvel[self.driven]
+            row = rows[at]
+            row[-12:-9], row[-9:] = place, turn
+            row[: len(q)], row[len(q) : 2 * len(q)] = q, v
             mujoco.mj_fullM(model, data, mass)
             wanted = still * reference[2][at] + self._feedback(reference[0][at] - q, still * reference[1][at] - v)
-            torque = mass[block] @ wanted + 0.97 * data.qfrc_bias[self.driven]
-            if not np.all(np.abs(torque) < HUGE):  # also when it is NaN
+            torque = mass[block] @ wanted + 0.97 * bias[self.driven]
+            if not float(torque @ torque) < HUGE**2:  # also when it is NaN
                 raise UnstableError(f"the simulation fails at {self.time:.3f} s")
-            data.qfrc_applied[:] = 0
-            data.qfrc_applied[self.driven] = torque
-            data.xfrc_applied[:] = 0
-            model.opt.gravity[:] = scene.tilt + DOWN
+            forces[:], external[:], gravity[:] = 0.0, 0.0, down
+            forces[self.driven] = torque
             self.active = False
             for fault in self.faults:
                 fault.push(self)
             mujoco.mj_step(model, data)
-            rows[at, 2 * len(q) : -12] = np.concatenate([torque, -data.sensordata, [float(self.active)]])
+            row[2 * len(q) : 3 * len(q)], row[3 * len(q) : -13], row[-13] = torque, -sensed, float(self.active)
         return self._track(rows)
 
     def _feedback(self, error: Array, rate: Array) -> Array:
