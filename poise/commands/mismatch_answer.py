@@ -1,5 +1,6 @@
 """The answer of `poise mismatch`: as JSON, and in sentences and tables."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.output import add_scene
-from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity
+from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, SignalDiagnosis
+from poise.mismatch.effects.joint_friction import numbered_joints
 from poise.mismatch.reading import ReadRecording
 from poise.viewing import readable, rounded
 
@@ -118,9 +120,9 @@ def _effect(finding: NamedEffect) -> dict[str, Any]:
 
 def print_answer(people: Console, found: Diagnosis) -> None:
     """The verdict in sentences, the parameters as a table, and the proof."""
-    proof = found.main.proof
+    proof, joints = found.main.proof, numbered_joints(found.main.problem.recorded)
     if found.verdict == "none":
-        people.print(f"The recording and the simulation agree within the tolerances ({100 * found.probability:.1f} %).")
+        people.print("The recording and the simulation agree within the tolerances: no effect is named.")
     for finding in found.findings:
         people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
         if finding.belief.varies_with:
@@ -132,7 +134,7 @@ def print_answer(people: Console, found: Diagnosis) -> None:
                 f"a motion that separates them: {escape(finding.effect.separating_motion)}",
                 soft_wrap=True,
             )
-        people.print(_table(finding))
+        people.print(_table(finding, joints))
     if found.unknown is not None:
         people.print(escape(readable(found.unknown.sentence, 500)), soft_wrap=True)
     people.print(
@@ -144,11 +146,9 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         what = "joint efforts are" if clock.name == "efforts" else "wrench's clock is"
         people.print(f"Inside its tolerance: the {what} {value} ± {sigma} ms late against the motion.")
-    limits = [
-        f"{small.group} {small.name}" for each in found.examinations for small in each.calibration if small.at_limit
-    ]
+    limits = [_at_limit(each, joints) for each in found.examinations if any(one.at_limit for one in each.calibration)]
     if limits:
-        people.print(f"At the limit of their tolerances: {', '.join(limits)}.", soft_wrap=True)
+        people.print(f"At the limit of their tolerances, which is no finding: {'; '.join(limits)}.", soft_wrap=True)
     if found.rest_sentence:
         people.print(escape(found.rest_sentence), soft_wrap=True)
     if not found.complete:
@@ -156,14 +156,38 @@ def print_answer(people: Console, found: Diagnosis) -> None:
     for name, lacking in found.unproven.items():
         people.print(f"Not named, since it has no proof: {escape(name)} ({lacking}).", soft_wrap=True)
     if found.untestable:
-        people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
+        people.print(f"Not tested here: {escape(_by_reason(found.untestable))}.", soft_wrap=True)
 
 
-def _table(finding: NamedEffect) -> Table:
+def _at_limit(each: SignalDiagnosis, joints: Mapping[int, str]) -> str:
+    """The calibration errors of one signal that a fit holds at their limits, by group."""
+    groups: dict[str, list[str]] = {}
+    for small in each.calibration:
+        if small.at_limit:
+            groups.setdefault(small.group, []).append(_with_joint(small.name, joints))
+    signal = "wrench" if each.problem.signal == "wrench" else "joint efforts"
+    return f"{signal}: " + ", ".join(f"{group} {' '.join(names)}" for group, names in groups.items())
+
+
+def _by_reason(untestable: Mapping[str, str]) -> str:
+    """The effects that were not tested, with the reason that they share."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in sorted(untestable.items()):
+        reasons.setdefault(why, []).append(name)
+    return "; ".join(f"{', '.join(names)} ({why})" for why, names in reasons.items())
+
+
+def _with_joint(name: str, joints: Mapping[int, str]) -> str:
+    """The name of a parameter, with that of its joint where it ends with the joint's number."""
+    number = name.rpartition("_")[2]
+    return f"{name} ({joints[int(number)]})" if number.isdigit() and int(number) in joints else name
+
+
+def _table(finding: NamedEffect, joints: Mapping[int, str]) -> Table:
     table = Table("", "value", "one sigma", "unit", title=finding.effect.name, title_justify="left")
     for name, number in finding.parameters.items():
         value, sigma = rounded(number.value, number.std)
-        table.add_row(name, value, sigma, number.unit)
+        table.add_row(escape(_with_joint(name, joints)), value, sigma, number.unit)
     return table
 
 

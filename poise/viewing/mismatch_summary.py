@@ -156,7 +156,7 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
     """What a person should know before using the answer."""
     proof, sentences = found.main.proof, []
     if found.verdict == "none":
-        sentences.append(Finding("good", f"Nothing is missing: probability {100 * found.probability:.1f} %."))
+        sentences.append(Finding("good", "No effect is named: the recording agrees within the tolerances."))
     else:
         sentences.append(
             Finding(

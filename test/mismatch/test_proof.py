@@ -8,7 +8,6 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.answer.belief import probability_of_none
 from poise.mismatch.effects import Effect, EffectParameter, Values, all_effects, effect_named
 from poise.mismatch.inference import (
     EffectProof,
@@ -304,31 +303,6 @@ def test_a_name_that_a_curve_without_proof_hid_takes_its_place() -> None:
     found = proven(state, followed)
     assert curve.name in found.dropped
     assert names(found.fit) == ("pull",)
-
-
-def test_what_is_refused_leaves_the_probability_that_nothing_is_there() -> None:
-    recorded, model = pulled(3.0)
-    problem = wrench_problem(recorded, model)
-    state = HypothesisSearch(problem)
-    state.offer(fit(problem, ()))
-    state.fitted(problem, [FittedEffect(Pull(np.inf), {"force": 0.0})], 2)
-    assert probability_of_none(state, ()) < 1e-6
-    assert probability_of_none(state, ("pull",)) > 0.9
-    state.within.add(("pull",))
-    assert probability_of_none(state, ()) > 0.9
-
-
-def test_what_explains_less_than_what_was_refused_follows_the_same() -> None:
-    recorded, model = pulled(3.0)
-    problem = wrench_problem(recorded, model)
-    state = HypothesisSearch(problem)
-    bare = fit(problem, ())
-    state.offer(bare)
-    state.fitted(problem, [FittedEffect(Pull(np.inf), {"force": 0.0})], 2)
-    state.gains[(), "slosh"] = 20.0
-    assert probability_of_none(state, ("pull",)) > 0.9
-    state.gains[(), "slosh"] = 1e6
-    assert probability_of_none(state, ("pull",)) < 0.1
 
 
 class Knock(Pull):

@@ -14,7 +14,6 @@ from poise.mismatch.inference import (
     EffectProof,
     FittedEffect,
     FreeCurve,
-    HypothesisSearch,
     ProvenModel,
     Variation,
     alike,
@@ -37,10 +36,6 @@ _AS_LIKELY = 0.1
 cases none had odds above 0.001, of five false ones all had more than 0.4."""
 _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
-_NONE_TEMPERATURE = 2.0
-"""Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
-_PER_EFFECT = math.log(30.0)
-"""log prior odds against one effect more, of about thirty that there are."""
 WEIGHTS = (-1.6, 1.0, 2.3, -3.85, 1.85)
 """Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`, but with a steeper
 slope: names of low evidence are rare in answers, and likelier where the truth holds nothing (healthy recordings)."""
@@ -249,30 +244,3 @@ def _both_delay(rival: str, part: FittedEffect) -> bool:
 def _contains(name: str, piece: str) -> bool:
     effect = effect_named(name)
     return effect is not None and piece in effect.made_of
-
-
-def probability_of_none(state: HypothesisSearch, unproven: Collection[str]) -> float:
-    """Probability that nothing of the library is there.
-
-    Effects that were not tried, or whose evidence counts for nothing because they lack a proof or lie inside the
-    tolerances, keep their prior odds. So do those that explain less than what was refused: they would follow the same.
-    """
-    found = _evidences(state)
-    void = {each for each in found if each in state.within or not set(unproven).isdisjoint(each)}
-    refused = max((found[each] for each in void), default=-math.inf)
-    void |= {each for each, value in found.items() if value <= refused}
-    found |= dict.fromkeys([*void, *((name,) for name in state.late)], found[()])
-    evidence = {names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in found.items()}
-    top = max(evidence.values())
-    total = sum(math.exp(value - top) for value in evidence.values())
-    return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)
-
-
-def _evidences(state: HypothesisSearch) -> dict[Names, float]:
-    """log evidence, up to a constant, of all hypotheses that were tried, fitted in full or screened."""
-    found = {names: each.log_evidence for names, each in state.fits.items()}
-    for (names, effect), gain in state.gains.items():
-        key = tuple(sorted((*names, effect)))
-        if names in found and key not in state.fits:
-            found[key] = state.fits[names].log_evidence + gain
-    return found

@@ -6,10 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-
 from poise.errors import ErrorCode, NoAnswerError
-from poise.mismatch.answer.belief import probability_of_none
 from poise.mismatch.answer.effort_witness import contradicted
 from poise.mismatch.answer.named import NamedEffect
 from poise.mismatch.answer.signal_diagnosis import FOR_SEARCH, SignalDiagnosis, examined_signal
@@ -81,22 +78,21 @@ class Diagnosis:
         return not any(each.search.limit.cut for each in self.examinations)
 
     @property
-    def probability(self) -> float:
-        """Of the verdict `none`."""
-        return float(np.prod([probability_of_none(each.search, each.unproven) for each in self.examinations]))
-
-    @property
     def unproven(self) -> dict[str, str]:
         """Effects that the evidence supported, but that have no proof, and what it lacks."""
         return {name: why for each in self.examinations for name, why in each.unproven.items()}
 
     @property
     def untestable(self) -> dict[str, str]:
-        """Effects that this recording cannot show, and why."""
+        """Effects that no signal of this recording can show, and why."""
         examined = {*self.unproven, *(finding.effect.name for finding in self.findings)}
         tried = {effect.name for each in self.examinations for effect in each.search.library}
         reasons = {name: why for name, why in self.missing.items() if name not in tried}
         reasons |= {name: why for each in self.examinations for name, why in each.search.untestable.items()}
+        late = {name for each in self.examinations for name in each.search.late}
+        for each in self.examinations:
+            able = {effect.name for effect in each.search.library} - each.search.untestable.keys()
+            examined |= able - late
         return {name: why for name, why in reasons.items() if name not in examined}
 
     @property

@@ -130,6 +130,7 @@ class HangingChain(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         found = self.derived(recorded, values)
         return (
-            f"{1e3 * found['total_mass'][0]:.0f} g hang from the load and swing at {found['frequency'][0]:.2f} Hz, as "
-            "a rope or a chain does: the nominal payload is rigid."
+            f"{1e3 * found['total_mass'][0]:.0f} g of the payload hang, {1e3 * found['tip_mass'][0]:.0f} g of them at "
+            f"the end, and swing at {found['frequency'][0]:.2f} Hz, as a rope or a chain does: the nominal payload is "
+            "rigid."
         )

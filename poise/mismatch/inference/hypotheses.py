@@ -27,7 +27,6 @@ class HypothesisSearch:
         fits: best fit of every hypothesis, by the names of its effects.
         gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
         untestable: effects that this recording cannot show, and why.
-        within: hypotheses whose last effect may be an error inside the tolerances.
         late: names of effects that were not tried before the deadline.
         library: the effects that were searched for, free curves among them.
         replaced: answers that came from another one by replacing an effect.
@@ -39,7 +38,6 @@ class HypothesisSearch:
     fits: dict[tuple[str, ...], HypothesisFit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
-    within: set[tuple[str, ...]] = field(default_factory=set)
     late: tuple[str, ...] = ()
     library: tuple[Effect, ...] = ()
     replaced: set[tuple[str, ...]] = field(default_factory=set)

@@ -248,8 +248,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
-    state.within |= {names(each) for each in good if not exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)}
-    good = [each for each in good if names(each) not in state.within]
+    good = [each for each in good if exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)]
     return _simplest(good, nominal) if good else None
 
 
