@@ -77,7 +77,6 @@ def test_the_moment_of_a_mass_step_is_found_to_a_sample() -> None:
 def test_calibration_errors_within_tolerance_are_no_finding() -> None:
     _, _, found = examined("")
     assert found.verdict == "none"
-    assert found.probability > 0.5
     assert found.main.proof.nominal == pytest.approx(1.0, abs=0.1)
 
 

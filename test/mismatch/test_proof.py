@@ -237,7 +237,6 @@ def test_a_diagnosis_cut_by_its_deadline_says_so() -> None:
     found = diagnose(*pulled(3.0), library=[Pull(9.0)], deadline=1e-3)
     assert not found.complete
     assert found.findings == ()
-    assert found.probability == pytest.approx(30 / 31)  # one effect was not tried, and keeps its prior odds
     library = [effect for effect in all_effects() if effect.signal == "wrench"]
     assert diagnose(*pulled(3.0), library=library, deadline=1e-3).probability < 0.7
 
