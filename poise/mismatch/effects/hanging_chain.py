@@ -1,6 +1,7 @@
 """Hanging chain: a rope, a hose or a bag hangs from the load and swings."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -8,12 +9,18 @@ import scipy
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.part_wrench import (
+    AT_PIVOT,
     PAYLOAD_REACH,
     POINT_PARAMETERS,
     beside_errors,
+    beyond_nominal,
     coarsely,
     likely_swings,
     no_part,
+    nominal_law,
+    nominal_parameter,
+    nominal_said,
+    nominals,
     place_of,
     specific_at,
     swing_frequency,
@@ -40,7 +47,7 @@ class HangingChain(Effect):
 
     It has the mass of its slowest mode as a parameter, and as its length that of the pendulum that swings as slowly:
     for a uniform rope of length L and mass m these are 0.69 m and 0.69 L (4 / j^2, with j the first zero of the Bessel
-    function J0). The nominal model has the mass rigid at the pivot.
+    function J0). The nominal model has the mass rigid at the pivot, or rigid where it rests, or not at all.
     """
 
     name = "hanging_chain"
@@ -51,6 +58,7 @@ class HangingChain(Effect):
     separating_motion = "a sudden level stop, then rest for ten seconds: a chain swings long, with a fast second mode"
     confused_with = ("slosh", "base_motion", "flexible_mode", "cable", "air_drag")
     needs = ("load",)
+    defaults: ClassVar[Values] = {"nominal": AT_PIVOT}
     made_of = ("slosh",)
     lacks = 4.0 / 11.792**2  # the fourth mode of a rope
 
@@ -64,19 +72,24 @@ class HangingChain(Effect):
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS
             ),
+            nominal_parameter(),
             EffectParameter("mass", "kg", 0.3, positive=True),
         )
+
+    def law(self, values: Values) -> str:
+        return nominal_law(values)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The lengths whose pendulums fit best, and the rope that follows the residual from its beginning on."""
         swings = [{**each, "tip": _TIP} for each in likely_swings(recorded, residual, _LENGTHS, _DAMPING, _STARTS)]
-        yield from swings
+        yield from ({**each, **self.defaults} for each in swings[1:])
+        yield from nominals(swings[0])
         few, left = coarsely(recorded, residual, _SAMPLES)
         weight = 1.0 / noise_in(recorded, residual)
         there = (beside_errors(few, left) * weight).ravel()
         squares = [float(np.sum(self._rest(few, there, weight, values) ** 2)) for values in swings]
         if min(squares) < (1.0 - _FEEBLE) * float(there @ there):
-            yield self._followed(few, left, weight, swings[int(np.argmin(squares))])
+            yield {**self._followed(few, left, weight, swings[int(np.argmin(squares))]), **self.defaults}
 
     def _followed(self, recorded: RecordedMotion, residual: Array, weight: Array, start: Values) -> dict[str, float]:
         """The values after fits to longer and longer beginnings of a residual.
@@ -84,7 +97,7 @@ class HangingChain(Effect):
         A rope that swings far ends elsewhere after a small change of its length: a fit to the whole recording would
         stay at the first length that suits some of its swings.
         """
-        moving = [p for p in self.parameters(recorded) if not (p.linear or p.name == "tip")]
+        moving = [p for p in self.parameters(recorded) if not (p.linear or p.choice or p.name == "tip")]
         values, elapsed = dict(start), recorded.seconds - recorded.seconds[0]
         for share in _BEGINNINGS:
             rows = elapsed <= share * min(float(elapsed[-1]), _FOLLOWED)
@@ -116,7 +129,11 @@ class HangingChain(Effect):
             recorded.seconds, pull, rate, nonlinear["length"], tip, nonlinear["damping_ratio"]
         )
         force, twist = recorded.to_sensor(pulled), recorded.to_sensor(twisted)
-        return np.concatenate([force, cross(place, force) + twist], axis=1)[:, :, None] / rope_modes(tip).share
+        swing = np.concatenate([force, cross(place, force) + twist], axis=1)
+        modes = rope_modes(tip)
+        # Of the pendulum's length, as the centre of the rope is of the rope's.
+        depth = nonlinear["length"] * modes.first * (0.5 + 0.5 * tip)
+        return (swing + beyond_nominal(recorded, nonlinear, depth))[:, :, None] / modes.share
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         mass = values["mass"] / rope_modes(values["tip"]).share
@@ -131,6 +148,6 @@ class HangingChain(Effect):
         found = self.derived(recorded, values)
         return (
             f"{1e3 * found['total_mass'][0]:.0f} g of the payload hang, {1e3 * found['tip_mass'][0]:.0f} g of them at "
-            f"the end, and swing at {found['frequency'][0]:.2f} Hz, as a rope or a chain does: the nominal payload is "
-            "rigid."
+            f"the end, and swing at {found['frequency'][0]:.2f} Hz, as a rope or a chain does: "
+            f"{nominal_said(values)}."
         )

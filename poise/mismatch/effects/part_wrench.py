@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.geometry import cross, cross_matrix
+from poise.mismatch.effects.base import EffectParameter
 from poise.mismatch.effects.part_motion import hanging
 from poise.mismatch.effects.starts import noise_in
 from poise.mismatch.recorded import RecordedMotion, shown
@@ -21,6 +22,8 @@ _END = 0.98
 """Share of the reach from which a place is at the end of its range."""
 _SHARE = 1.05
 """Largest mass of a moving part relative to the nominal payload, whose mass has a tolerance."""
+AT_PIVOT, NOWHERE, AT_REST = 0.0, 1.0, 2.0
+"""Where the nominal model has a part that swings."""
 AXIS_PARAMETERS = ("axis_a", "axis_b")
 """Chart of directions, see `direction`."""
 
@@ -49,6 +52,49 @@ def point_wrench(recorded: RecordedMotion, place: Array) -> Array:
     """(N, 6) of a point mass of 1 kg that is fixed to the tool (thesis eq. 2.97)."""
     force = specific_at(recorded, place)
     return np.concatenate([force, cross(place, force)], axis=1)
+
+
+def nominal_parameter() -> EffectParameter:
+    """Where the nominal model has what swings: at its pivot, as static poses show it, nowhere, or where it rests."""
+    return EffectParameter("nominal", "", low=AT_PIVOT, high=AT_REST, linear=False, choice=True, hidden=True)
+
+
+def nominals(swing: Mapping[str, float]) -> list[dict[str, float]]:
+    """Values of a swing with each place that the nominal model may give it."""
+    return [{**swing, "nominal": place} for place in (AT_PIVOT, NOWHERE, AT_REST)]
+
+
+def nominal_law(values: Mapping[str, float]) -> str:
+    """The law of what swings, see `Effect.law`."""
+    return f"nominal {values.get('nominal', AT_PIVOT):.0f}"
+
+
+def nominal_said(values: Mapping[str, float]) -> str:
+    """What the nominal model has in the place of what swings, as a clause."""
+    lacking = values.get("nominal", AT_PIVOT) == NOWHERE
+    return "the nominal payload lacks it" if lacking else "the nominal payload is rigid"
+
+
+def beyond_nominal(recorded: RecordedMotion, values: Mapping[str, float], depth: float) -> Array:
+    """(N, 6) what is added to the response of 1 kg that swings, which counts from this mass rigid at its pivot.
+
+    Args:
+        recorded: the recording.
+        values: with `nominal` and the pivot.
+        depth: m, how far below the pivot its centre rests.
+    """
+    known, pivot = values.get("nominal", AT_PIVOT), place_of(values)
+    if known == AT_PIVOT:
+        return np.zeros((len(recorded), 6))
+    rigid = point_wrench(recorded, pivot)
+    return rigid if known == NOWHERE else rigid - point_wrench(recorded, pivot + depth * _downwards(recorded))
+
+
+def _downwards(recorded: RecordedMotion) -> Array:
+    """(3,) the axis of the sensor along which its load hangs most of the time."""
+    mean = recorded.gravity.mean(axis=0)
+    largest = int(np.argmax(np.abs(mean)))
+    return np.asarray(np.sign(mean[largest]) * np.eye(3)[largest])
 
 
 def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tuple[Array, Array, Array]) -> Array:
@@ -157,7 +203,8 @@ def error_states(recorded: RecordedMotion) -> Array:
 def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:
     """Why a part of the payload cannot have a mass, kg, and a place, as a clause; "" when it can."""
     whole = abs(float(recorded.phi[0]))
-    heavy = f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > _SHARE * whole else ""
+    most = _SHARE * whole if values.get("nominal", AT_PIVOT) != NOWHERE else whole
+    heavy = f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > most else ""
     return heavy or out_of_reach(values)
 
 

@@ -1,15 +1,22 @@
 """Slosh: liquid in a round vessel swings as a pendulum."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import (
+    AT_PIVOT,
     PAYLOAD_REACH,
     POINT_PARAMETERS,
+    beyond_nominal,
     likely_swings,
     no_part,
+    nominal_law,
+    nominal_parameter,
+    nominal_said,
+    nominals,
     place_of,
     swing_frequency,
     swinging_wrench,
@@ -24,7 +31,10 @@ _WIDE = 0.12
 
 
 class Slosh(Effect):
-    """A mass on a spherical pendulum about a pivot in the tool; the nominal model has it rigid at the pivot.
+    """A mass on a spherical pendulum about a pivot in the tool.
+
+    The nominal model has it rigid at the pivot, as static poses show it; or rigid where it rests, as a drawing has it;
+    or not at all.
 
     With u the unit vector from the pivot to the mass, in world axes, for large swings too. The response is the
     difference to the rigid mass, -m l u'', and the torque of the damper in the pivot.
@@ -40,6 +50,7 @@ class Slosh(Effect):
     )
     confused_with = ("hanging_chain", "flexible_mode", "loose_part", "payload_parameters", "low_pass")
     needs = ("load",)
+    defaults: ClassVar[Values] = {"nominal": AT_PIVOT}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -50,16 +61,21 @@ class Slosh(Effect):
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS
             ),
+            nominal_parameter(),
             EffectParameter("mass", "kg", 0.5, positive=True),
         )
 
+    def law(self, values: Values) -> str:
+        return nominal_law(values)
+
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The length whose swing fits the residual best, with the pivot that the torque then means."""
-        yield from likely_swings(recorded, residual, np.geomspace(0.02, 0.25, 7), 0.05, 1)
+        (swing,) = likely_swings(recorded, residual, np.geomspace(0.02, 0.25, 7), 0.05, 1)
+        yield from nominals(swing)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         swing = swinging_wrench(recorded, place_of(nonlinear), nonlinear["length"], nonlinear["damping_ratio"])
-        return swing[:, :, None]
+        return (swing + beyond_nominal(recorded, nonlinear, nonlinear["length"]))[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         """A liquid does not swing more slowly than in the widest vessel: what does hangs, as a chain or a rope."""
@@ -76,5 +92,5 @@ class Slosh(Effect):
         frequency = swing_frequency(recorded, values["length"]) / (2.0 * np.pi)
         return (
             f"{1e3 * values['mass']:.0f} g of the payload slosh at {frequency:.2f} Hz, as a pendulum of "
-            f"{1e3 * values['length']:.0f} mm: the nominal payload is rigid."
+            f"{1e3 * values['length']:.0f} mm: {nominal_said(values)}."
         )

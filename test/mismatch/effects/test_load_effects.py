@@ -7,6 +7,7 @@ import pytest
 from effect_worlds import (
     AXIS,
     HOME,
+    NOISE,
     PAYLOAD,
     PLACE,
     REACH,
@@ -24,7 +25,8 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.cable import _cord, _line
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
-from poise.mismatch.reading import complete_values, recorded_from_motion
+from poise.mismatch.inference import names, search, wrench_problem
+from poise.mismatch.reading import NominalModel, complete_values, recorded_from_motion
 from poise.mismatch.recorded.recorded_motion import BaseTrack
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
@@ -334,3 +336,31 @@ def test_a_loose_part_is_held_at_a_stop_or_flies_by_newtons_law():
     assert len(flies) > 10
     total = (found + 0.35 * point_wrench(at, POINT))[flies, :3] @ AXIS
     assert np.abs(total).max() < 0.01 * 0.35 * STANDARD_GRAVITY
+
+
+@pytest.mark.parametrize("name", ["slosh", "hanging_chain"])
+def test_what_swings_may_be_missing_in_the_nominal_model_or_be_modelled_where_it_rests(name):
+    """A generator that adds a chain to the payload had a false `payload_parameters` beside it (99.5 %)."""
+    at, values = at_rest(duration=1.0), TYPICAL[name] | {"damping_ratio": 0.05}
+    pivot, nowhere, below = (response(name, at, **values, nominal=place) for place in (0.0, 1.0, 2.0))
+    mass = (
+        effect_named(name).derived(at, filled(effect_named(name), at, values)).get("total_mass", (values["mass"],))[0]
+    )
+    # At rest it hangs below its pivot: static poses show it there.
+    np.testing.assert_allclose(pivot, 0.0, atol=1e-6)
+    np.testing.assert_allclose(nowhere, mass * point_wrench(at, POINT), atol=1e-6)
+    shift = below[:, 3:] + np.cross(POINT, below[:, :3])
+    np.testing.assert_allclose(below[:, :3], 0.0, atol=1e-6)
+    assert np.linalg.norm(shift, axis=1).max() < mass * STANDARD_GRAVITY * values["length"] * 1.2
+
+
+def test_a_rope_that_the_payload_lacks_is_one_cause():
+    at, rope = recorded("poses"), effect_named("hanging_chain")
+    values = filled(rope, at, TYPICAL["hanging_chain"] | {"nominal": 1.0})
+    noise = np.random.default_rng(8).normal(size=at.wrench.shape) * NOISE
+    problem = wrench_problem(
+        replace(at, wrench=at.prediction + rope.simulate(at, values) + noise), NominalModel(phi=at.phi)
+    )
+    _, best = search(problem, [rope, effect_named("slosh"), effect_named("payload_parameters")])
+    assert names(best) == ("hanging_chain",)
+    assert "lacks it" in rope.sentence(at, best.parts[0].values)
