@@ -34,6 +34,8 @@ _BETTER = 0.05
 """Of this share, that corrected poses have to add, to explain why views disagree."""
 SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
+_STRAY = 0.002
+"""Share of the points at each end of the object that do not say where it ends."""
 SCANNED_FROM = 2 * HIDDEN_OFF
 """m over the support, from which on a scan shows the shape of an object."""
 
@@ -81,8 +83,11 @@ class Scan:
 
     @property
     def foot(self) -> Array:
-        """(3,) m: the middle of its bounding box, on the table; the origin of its frame, whose axes are the world's."""
-        middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        """(3,) m: the middle of its bounding box, on the table; the origin of its frame, whose axes are the world's.
+
+        The box leaves out the outermost points, so that single stray points do not move it.
+        """
+        middle = np.quantile(self.points, [_STRAY, 1 - _STRAY], axis=0).mean(axis=0)
         return np.asarray(middle - (self.plane.normal @ middle - self.plane.offset) * self.plane.normal)
 
 

@@ -53,7 +53,8 @@ def underside(solid: Mask, seen: tuple[Array, Array], floor: float, low: Array, 
     hovers = under & (lowest < looked_under + _EDGE * cell) & ~stands
     if not hovers.any():
         return np.zeros(covered.shape)
-    plate, sag = _plate(covered, np.where(hovers, lowest, 0.0), (stands, hovers), tops / (_STEP * cell))
+    edges = (lowest + np.minimum(lowest, looked_under)) / 2  # they end between what is seen and what is looked through
+    plate, sag = _plate(covered, np.where(hovers, edges, 0.0), (stands, hovers), tops / (_STEP * cell))
     weights = solid.sum(axis=2) * covered
     centre = np.array([(weights * axis).sum() for axis in np.indices(covered.shape)]) / weights.sum()
     load = 0.0
