@@ -81,36 +81,52 @@ POISE_WIDE static void rows_of(const struct solver *solver, const double *x, dou
   out[at->rows] = sum;
 }
 
-/* A row from `place`, of which there is no more from `end` on. */
-static POISE_INLINE void read_row_until(const double *place, const double *end, row_of_block *row) {
-  if (end - place >= WIDTH)
-    read_row(place, row);
-  else {
-    *row = (row_of_block){0.0};
-    for (int i = 0; i < end - place; i++) (*row)[i] = place[i];
-  }
+static int64_t in_vectors(int64_t width) { return (width + WIDTH - 1) / WIDTH * WIDTH; }
+
+/* Factor the locals of a pair, whose rows are `scaled`, and what they take of its motion. */
+static int factor_locals(const struct solver *solver, int64_t e, int64_t rows, int64_t stride) {
+  const int64_t locals = solver->program->locals[e];
+  double *square = solver->squares + solver->at.square[e], *taken = square + locals * locals;
+  const double *scaled = solver->scaled;
+  memset(square, 0, sizeof(double) * (size_t)(locals * (SIDE + locals)));
+  for (int64_t r = 0; r < rows; r++, scaled += stride)
+    for (int64_t i = 0; i < locals; i++) {
+      const double value = scaled[SIDE + i];
+      if (value == 0.0) continue;
+      for (int64_t j = 0; j <= i; j++) square[i * locals + j] += value * scaled[SIDE + j];
+      for (int j = 0; j < SIDE; j++) taken[i * SIDE + j] += value * scaled[j];
+    }
+  if (cholesky(square, locals)) return POISE_NOT_POSITIVE;
+  for (int64_t i = 0; i < locals; i++) /* taken = L^-1 taken */
+    for (int j = 0; j < SIDE; j++) {
+      double sum = taken[i * SIDE + j];
+      for (int64_t k = 0; k < i; k++) sum -= square[i * locals + k] * taken[k * SIDE + j];
+      taken[i * SIDE + j] = sum / square[i * locals + i];
+    }
+  return POISE_OK;
 }
 
-/* out (unknowns) += A' z */
-POISE_WIDE static void columns_of(const struct solver *solver, const double *z, double *restrict out) {
-  const struct cone_program *program = solver->program;
-  const struct layout *at = &solver->at;
-  const double *end = program->entries + at->entries;
-  for (int64_t e = 0; e < program->bodies.pairs; e++) {
-    const int64_t locals = program->locals[e];
-    const double *entry = program->entries + at->entry[e];
-    double *own = out + at->unknown[e], wrench[WIDTH];
-    row_of_block sum = {0.0};
-    for (int64_t row = at->row[e]; row < at->row[e + 1]; row++, entry += SIDE + locals) {
-      row_of_block values;
-      read_row_until(entry, end, &values);
-      sum += values * z[row];
-      for (int64_t i = 0; i < locals; i++) own[i] += entry[SIDE + i] * z[row];
-    }
-    memcpy(wrench, &sum, sizeof sum);
-    add_wrench(&program->bodies, e, wrench, out);
+#define POISE_TEMPLATE "cones_parts.h"
+#include "three_widths.h"
+
+static void columns_of(const struct solver *solver, const double *z, double *restrict out) {
+  FOR_WIDTH(columns_of, solver, z, out);
+}
+
+/* Factor A' W^-2 A: the locals of each pair are eliminated, then the bodies. */
+static int factor(struct solver *solver) {
+  const int64_t size = size_of(solver->program);
+  bodies_clear(&solver->program->bodies, &solver->matrix, 0.0);
+  const int status = FOR_WIDTH(add_pairs, solver);
+  if (status) return status;
+  double largest = 0.0;
+  for (int64_t i = 0; i < size; i++)
+    largest = larger(solver->matrix.diagonal[i][i % SIDE], largest);
+  for (int64_t i = 0; i < size; i++) { /* motions that no row feels */
+    const double on = solver->matrix.diagonal[i][i % SIDE];
+    solver->matrix.diagonal[i][i % SIDE] += ENOUGH_KEPT * (on + 1e-3 * lesser(largest, 1.0));
   }
-  for (int64_t i = 0; i < size_of(program); i++) out[i] += program->shared[i] * z[at->rows];
+  return bodies_factor(&solver->program->bodies, &solver->matrix);
 }
 
 /* Call for each cone of the program: `first` row, `size`, number. */
@@ -141,98 +157,6 @@ static POISE_INLINE double edge(const double *u, int64_t size) { /* how far insi
   double square = 0.0;
   for (int64_t i = 1; i < size; i++) square += u[i] * u[i];
   return u[0] - sqrt(square);
-}
-
-/* scaled (size, stride) = W^-1 of the rows (size, width) of a cone of eight, in whole vectors. */
-static POISE_INLINE void scale_rows(const struct scaling *w, int64_t lane, const double *rows, const double *end,
-                                    int64_t width, const int size, int64_t stride, double *scaled) {
-  double inverse[WIDEST][WIDEST], v[WIDEST];
-  const double scale = w->back[lane], share = size > 1 ? scale * w->share[lane] : 0.0;
-  for (int i = 0; i < size; i++) v[i] = w->v[i][lane];
-  for (int i = 1; i < size; i++) {
-    for (int j = 1; j < size; j++) inverse[i][j] = share * v[i] * v[j] + (i == j ? scale : 0.0);
-    inverse[i][0] = inverse[0][i] = -scale * v[i];
-  }
-  inverse[0][0] = size > 1 ? scale * v[0] : scale;
-  for (int64_t begin = 0; begin < stride; begin += WIDTH) {
-    row_of_block row[WIDEST];
-    for (int i = 0; i < size; i++) read_row_until(rows + i * width + begin, end, row + i);
-    for (int i = 0; i < size; i++) {
-      row_of_block sum = inverse[i][0] * row[0];
-      for (int j = 1; j < size; j++) sum += inverse[i][j] * row[j];
-      memcpy(scaled + i * stride + begin, &sum, sizeof sum);
-    }
-  }
-}
-
-static int64_t in_vectors(int64_t width) { return (width + WIDTH - 1) / WIDTH * WIDTH; }
-
-/* Factor A' W^-2 A: the locals of each pair are eliminated, then the bodies. */
-POISE_WIDE static int factor(struct solver *solver) {
-  const struct cone_program *program = solver->program;
-  const struct layout *at = &solver->at;
-  const double *end = program->entries + at->entries;
-  const int64_t size = size_of(program);
-  int64_t single = 0, wide = WIDTH * at->single_eights;
-  bodies_clear(&program->bodies, &solver->matrix, 0.0);
-  for (int64_t e = 0; e < program->bodies.pairs; e++) {
-    const int64_t locals = program->locals[e], width = SIDE + locals, stride = in_vectors(width);
-    const double *entry = program->entries + at->entry[e];
-    double *scaled = solver->scaled, *square = solver->squares + at->square[e], *taken = square + locals * locals;
-    row_of_block total[SIDE] = {{0.0}};
-    int64_t rows = 0;
-    for (int64_t c = 0; c < program->singles[e] + program->wides[e]; c++) {
-      const int64_t high = c < program->singles[e] ? 1 : program->wide, number = high == 1 ? single++ : wide++;
-      const struct scaling *w = solver->scaling + number / WIDTH;
-      if (high == 1)
-        scale_rows(w, number % WIDTH, entry, end, width, 1, stride, scaled);
-      else if (high == 3)
-        scale_rows(w, number % WIDTH, entry, end, width, 3, stride, scaled);
-      else
-        scale_rows(w, number % WIDTH, entry, end, width, WIDEST, stride, scaled);
-      entry += high * width;
-      scaled += high * stride;
-      rows += high;
-    }
-    scaled = solver->scaled;
-    for (int64_t r = 0; r < rows; r++, scaled += stride) {
-      row_of_block row;
-      read_row(scaled, &row);
-      for (int i = 0; i < SIDE; i++) total[i] += scaled[i] * row;
-    }
-    if (locals) {
-      memset(square, 0, sizeof(double) * (size_t)(locals * width));
-      scaled = solver->scaled;
-      for (int64_t r = 0; r < rows; r++, scaled += stride)
-        for (int64_t i = 0; i < locals; i++) {
-          const double value = scaled[SIDE + i];
-          if (value == 0.0) continue;
-          for (int64_t j = 0; j <= i; j++) square[i * locals + j] += value * scaled[SIDE + j];
-          for (int j = 0; j < SIDE; j++) taken[i * SIDE + j] += value * scaled[j];
-        }
-      if (cholesky(square, locals)) return POISE_NOT_POSITIVE;
-      for (int64_t i = 0; i < locals; i++) /* taken = L^-1 taken */
-        for (int j = 0; j < SIDE; j++) {
-          double sum = taken[i * SIDE + j];
-          for (int64_t k = 0; k < i; k++) sum -= square[i * locals + k] * taken[k * SIDE + j];
-          taken[i * SIDE + j] = sum / square[i * locals + i];
-        }
-      for (int64_t k = 0; k < locals; k++) {
-        row_of_block row;
-        read_row(taken + k * SIDE, &row);
-        for (int i = 0; i < SIDE; i++) total[i] -= taken[k * SIDE + i] * row;
-      }
-    }
-    bodies_add(&program->bodies, &solver->matrix, e, total);
-  }
-  double largest = 0.0;
-  for (int64_t i = 0; i < size; i++)
-    largest = larger(solver->matrix.diagonal[i][i % SIDE], largest);
-  for (int64_t i = 0; i < size; i++) { /* motions that no row feels */
-    const double on = solver->matrix.diagonal[i][i % SIDE];
-    solver->matrix.diagonal[i][i % SIDE] += ENOUGH_KEPT * (on + 1e-3 * lesser(largest, 1.0));
-  }
-  return bodies_factor(&program->bodies, &solver->matrix);
 }
 
 /* x (unknowns) = (A' W^-2 A without the shared row)^-1 right, which is x before */

@@ -92,82 +92,14 @@ static void bound_friction(struct lanes *lanes, const double *bounds) {
   }
 }
 
-/* out (count, 3) = motion of the second body relative to the first at each spring */
-POISE_WIDE static void spring_motions(const struct lanes *lanes, const double *u, row_of_block *restrict out) {
-  const struct bodies *bodies = &lanes->contacts->bodies;
-  for (int64_t pair = 0; pair < bodies->pairs; pair++) {
-    const double *frame = lanes->frames + 9 * pair;
-    double motion[SIDE], v[3], w[3];
-    relative_motion(bodies, pair, u, motion);
-    for (int i = 0; i < 3; i++) {
-      v[i] = along(motion, frame + 3 * i);
-      w[i] = along(motion + 3, frame + 3 * i);
-    }
-    for (int64_t row = 3 * lanes->first[pair]; row < 3 * lanes->first[pair + 1]; row += 3) {
-      const row_of_block *arms = lanes->arms + row;
-      out[row] = v[0] + (arms[1] * w[1] - arms[0] * w[2]);
-      out[row + 1] = v[1] + (arms[2] * w[2] - arms[1] * w[0]);
-      out[row + 2] = v[2] + (arms[0] * w[0] - arms[2] * w[1]);
-    }
-  }
-}
-
-/* Forces (3) of eight springs; friction is limited by `bounds`, or by Coulomb's law where those are NULL. */
-static POISE_INLINE void spring_forces(const struct lanes *lanes, int64_t eight, const row_of_block *motion,
-                                       row_of_block *force) {
-  const row_of_block none = {0.0}, one = none + 1.0, k = -lanes->stiffness[eight];
-  for (int i = 0; i < 3; i++) force[i] = k * motion[i];
-  force[0] = CHOOSE(force[0] > none, force[0], none);
-  const row_of_block limit = lanes->bounds ? lanes->bounds[eight] : lanes->friction[eight] * force[0];
-  const row_of_block square = force[1] * force[1] + force[2] * force[2];
-  const lanes_where over = square > limit * limit;
-  row_of_block size = CHOOSE(over, square, one);
-  take_roots(&size);
-  const row_of_block share = CHOOSE(over, limit / size, one);
-  force[1] *= share;
-  force[2] *= share;
-}
-
 /* Whether a pair presses anywhere, or has friction with bounds: otherwise there is no force. */
-static POISE_INLINE int acts(const struct lanes *lanes, int64_t pair, const row_of_block *relative) {
-  lanes_where any = {0};
-  for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-    any |= relative[3 * eight] <= (row_of_block){0.0};
-    if (lanes->bounds) any |= lanes->bounds[eight] > (row_of_block){0.0};
-  }
+static inline int acts(const struct lanes *lanes, int64_t pair, const row_of_block *relative) {
   int64_t found = 0;
-  for (int l = 0; l < WIDTH; l++) found |= any[l];
-  return found != 0;
-}
-
-/* out (6 n) = what springs and catch leave of a load, negated */
-POISE_WIDE static void left_over(const struct lanes *lanes, const double *u, const double *load,
-                                 const row_of_block *relative, double *restrict out) {
-  const struct elastic *contacts = lanes->contacts;
-  for (int64_t i = 0; i < SIDE * contacts->bodies.count; i++) out[i] = contacts->catch * u[i] - load[i];
-  for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
-    if (!acts(lanes, pair, relative)) continue;
-    row_of_block parts[SIDE] = {{0.0}}, force[3];
-    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      const row_of_block *arms = lanes->arms + 3 * eight;
-      spring_forces(lanes, eight, relative + 3 * eight, force);
-      for (int i = 0; i < 3; i++) parts[i] += force[i];
-      parts[3] += arms[0] * force[2] - arms[1] * force[1];
-      parts[4] += arms[1] * force[0] - arms[2] * force[2];
-      parts[5] += arms[2] * force[1] - arms[0] * force[0];
-    }
-    double lane[SIDE][WIDTH], sum[SIDE], wrench[SIDE];
-    memcpy(lane, parts, sizeof lane);
-    for (int i = 0; i < SIDE; i++)
-      sum[i] = ((lane[i][0] + lane[i][1]) + (lane[i][2] + lane[i][3])) +
-               ((lane[i][4] + lane[i][5]) + (lane[i][6] + lane[i][7]));
-    const double *frame = lanes->frames + 9 * pair;
-    for (int j = 0; j < SIDE; j++) {
-      const double *part = sum + j / 3 * 3, *axis = frame + j % 3;
-      wrench[j] = -(part[0] * axis[0] + part[1] * axis[3] + part[2] * axis[6]);
-    }
-    add_wrench(&contacts->bodies, pair, wrench, out);
+  for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
+    for (int l = 0; l < WIDTH; l++) found |= relative[3 * eight][l] <= 0.0;
+    for (int l = 0; l < WIDTH && lanes->bounds; l++) found |= lanes->bounds[eight][l] > 0.0;
   }
+  return found != 0;
 }
 
 static double energy(const struct lanes *lanes, const double *u, const double *load, const row_of_block *relative) {
@@ -190,61 +122,21 @@ static double energy(const struct lanes *lanes, const double *u, const double *l
    tangents and between them, and of both in the normal direction. */
 enum { NORMAL, FIRST, SECOND, BETWEEN, FIRST_FOLLOWS, SECOND_FOLLOWS, DERIVATIVES };
 
-/* What opens keeps a trace of stiffness. Without a motion, nothing opens or slips. */
-static POISE_INLINE void spring_stiffness(const struct lanes *lanes, int64_t eight, const row_of_block *motion,
-                                          double damping, row_of_block *own) {
-  if (!motion) {
-    own[NORMAL] = own[FIRST] = own[SECOND] = lanes->stiffness[eight];
-    own[BETWEEN] = own[FIRST_FOLLOWS] = own[SECOND_FOLLOWS] = (row_of_block){0.0};
-    return;
-  }
-  const row_of_block none = {0.0}, one = none + 1.0, k = lanes->stiffness[eight];
-  const lanes_where closed = motion[0] <= none;
-  row_of_block slide = motion[1] * motion[1] + motion[2] * motion[2];
-  take_roots(&slide);
-  const row_of_block follows = -lanes->friction[eight] * k, pressed = CHOOSE(closed, motion[0], none);
-  const row_of_block limit = lanes->bounds ? lanes->bounds[eight] : follows * pressed;
-  const lanes_where slips = k * slide > limit;
-  const row_of_block safe = CHOOSE(slide > none, slide, one), first = motion[1] / safe, second = motion[2] / safe;
-  const row_of_block coupled = CHOOSE(closed, follows, none);
-  const row_of_block turning = CHOOSE(slips, limit / safe, none);
-  const row_of_block sticking = (CHOOSE(slips, none, one) + damping) * k;
-  own[NORMAL] = (CHOOSE(closed, one, none + SPARE) + damping) * k;
-  own[FIRST] = sticking + turning * second * second;
-  own[SECOND] = sticking + turning * first * first;
-  own[BETWEEN] = -turning * first * second;
-  own[FIRST_FOLLOWS] = lanes->bounds ? none : CHOOSE(slips, coupled * first, none);
-  own[SECOND_FOLLOWS] = lanes->bounds ? none : CHOOSE(slips, coupled * second, none);
+#define POISE_TEMPLATE "elastic_parts.h"
+#include "three_widths.h"
+
+static void spring_motions(const struct lanes *lanes, const double *u, row_of_block *restrict out) {
+  FOR_WIDTH(spring_motions, lanes, u, out);
 }
 
-/* The stiffness of `bodies`, which are those of the contacts in any order; only of pairs that are `coupled`, where that
-   is given. Without forces, pairs with the ground keep a trace of stiffness, and pairs of bodies have none. */
-POISE_WIDE static void assemble(const struct lanes *lanes, const struct bodies *bodies, const row_of_block *relative,
-                                double damping, const char *coupled, struct body_matrix *matrix) {
-  const struct elastic *contacts = lanes->contacts;
-  bodies_clear(bodies, matrix, contacts->catch);
-  for (int64_t pair = 0; pair < contacts->bodies.pairs; pair++) {
-    if (coupled && !coupled[pair]) continue;
-    row_of_block total[SIDE] = {{0.0}};
-    int64_t p = contacts->springs[pair];
-    for (int64_t eight = lanes->first[pair]; eight < lanes->first[pair + 1]; eight++) {
-      row_of_block found[DERIVATIVES];
-      double own[DERIVATIVES][WIDTH];
-      spring_stiffness(lanes, eight, relative ? relative + 3 * eight : NULL, damping, found);
-      memcpy(own, found, sizeof own);
-      for (int l = 0; l < WIDTH && p < contacts->springs[pair + 1]; l++, p++) {
-        const double *wrench = wrenches_of(lanes, p);
-        row_of_block unit[3], rows[3];
-        for (int i = 0; i < 3; i++) read_row(wrench + SIDE * i, unit + i);
-        rows[0] = own[NORMAL][l] * unit[0];
-        rows[1] = own[FIRST_FOLLOWS][l] * unit[0] + own[FIRST][l] * unit[1] + own[BETWEEN][l] * unit[2];
-        rows[2] = own[SECOND_FOLLOWS][l] * unit[0] + own[BETWEEN][l] * unit[1] + own[SECOND][l] * unit[2];
-        for (int i = 0; i < SIDE; i++)
-          total[i] += wrench[i] * rows[0] + wrench[SIDE + i] * rows[1] + wrench[2 * SIDE + i] * rows[2];
-      }
-    }
-    bodies_add(bodies, matrix, pair, total);
-  }
+static void left_over(const struct lanes *lanes, const double *u, const double *load, const row_of_block *relative,
+                      double *restrict out) {
+  FOR_WIDTH(left_over, lanes, u, load, relative, out);
+}
+
+static void assemble(const struct lanes *lanes, const struct bodies *bodies, const row_of_block *relative,
+                     double damping, const char *coupled, struct body_matrix *matrix) {
+  FOR_WIDTH(assemble, lanes, bodies, relative, damping, coupled, matrix);
 }
 
 /* Room for the vectors of Newton steps. */
@@ -333,16 +225,10 @@ static void place_at(const struct steps *made, const double *u) {
 
 /* Eight sums side by side, so that none waits for the one before. */
 POISE_WIDE static double dot(const double *a, const double *b, int64_t count) {
-  row_of_block sums = {0.0};
-  double lane[WIDTH], sum = 0.0;
+  double lane[WIDTH] = {0.0}, sum = 0.0;
   int64_t i = 0;
-  for (; i + WIDTH <= count; i += WIDTH) {
-    row_of_block one, other;
-    read_row(a + i, &one);
-    read_row(b + i, &other);
-    sums += one * other;
-  }
-  memcpy(lane, &sums, sizeof lane);
+  for (; i + WIDTH <= count; i += WIDTH)
+    for (int l = 0; l < WIDTH; l++) lane[l] += a[i + l] * b[i + l];
   for (; i < count; i++) sum += a[i] * b[i];
   for (int l = 0; l < WIDTH; l++) sum += lane[l];
   return sum;
@@ -371,7 +257,9 @@ static double merit_at(const struct lanes *lanes, struct aim *aim, const double 
 POISE_WIDE static double merit_along(struct aim *aim, struct steps *made, const double *u, double length) {
   const int64_t size = SIDE * made->lanes.contacts->bodies.count;
   for (int64_t i = 0; i < size; i++) made->there_u[i] = u[i] + length * made->step[i];
-  for (int64_t i = 0; i < 3 * made->lanes.count; i++) made->there[i] = made->relative[i] + length * made->moved[i];
+  const double *from = (const double *)made->relative, *change = (const double *)made->moved;
+  double *to = (double *)made->there;
+  for (int64_t i = 0; i < 3 * WIDTH * made->lanes.count; i++) to[i] = from[i] + length * change[i];
   return merit_at(&made->lanes, aim, made->there_u, made->there, made->rest);
 }
 

@@ -19,6 +19,7 @@ enum { POISE_OK = 0, POISE_NO_MEMORY = 1, POISE_NOT_POSITIVE = 2, POISE_SINGULAR
    order, so that they round alike; the loader chooses. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define POISE_WIDE __attribute__((target_clones("avx512f", "avx2", "default")))
+#define POISE_WIDTHS /* the same by hand, where each width needs its own types */
 #define POISE_INLINE inline __attribute__((always_inline)) /* into both */
 #else
 #define POISE_WIDE

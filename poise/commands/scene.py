@@ -14,9 +14,7 @@ from poise.commands.output import JsonOption, console, refuse_folder, warn, writ
 from poise.commands.scenes import scene_findings_json
 from poise.errors import ErrorCode, InputError
 from poise.ranges import check_range
-from poise.worlds import read_world, save_scene, write_world
-
-_SCENES = (".yaml", ".yml")
+from poise.worlds import read_world, write_world
 
 SourceArgument = Annotated[
     Path,
@@ -68,9 +66,7 @@ def scene(
     assembly, notes = read_world(source, _read_masses(masses), friction, floor)
     notes = (*notes, *assembly.notes)
     lost: tuple[str, ...] = ()
-    if output is not None and output.suffix.lower() in _SCENES:
-        save_scene(assembly, output)
-    elif output is not None:
+    if output is not None:
         lost = write_world(assembly, output)
     for note in (*notes, *(found.sentence for found in scene_findings(assembly))):
         warn(note)

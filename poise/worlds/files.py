@@ -84,16 +84,22 @@ def read_world(
 def write_world(assembly: Assembly, path: str | Path) -> tuple[str, ...]:
     """Write a world of the format of the path's ending; return what it cannot express, one sentence each.
 
+    Of formats that share an ending with scene files (.yaml), a scene file is written; see `save_scene`.
+
     Raises:
         InputError: FILE_UNWRITABLE; UNSUPPORTED for an ending that no format writes.
     """
     path = Path(path)
+    if path.suffix.lower() in _SCENE_SUFFIXES:
+        save_scene(assembly, path)
+        return ()
     for kind in world_formats():
         if path.suffix.lower() in kind.suffixes:
             content, lost = kind.written(assembly, path)
             write_whole(path, content)
             return lost
-    known = ", ".join(suffix for kind in world_formats() for suffix in kind.suffixes)
+    endings = [suffix for kind in world_formats() for suffix in kind.suffixes if suffix not in _SCENE_SUFFIXES]
+    known = ", ".join(endings)
     raise InputError(
         ErrorCode.UNSUPPORTED, f"{path}: no format has this ending; known are {known}, and .yaml for scenes"
     )

@@ -167,4 +167,18 @@ def test_bodies_that_rounds_throw_far_away_creep_to_where_they_stand(monkeypatch
     assert margins == sorted(margins)
     assert margins[0] > 0.1
     monkeypatch.setattr(CoulombBlock, "_crept", lambda *_: None)
-    assert Analysis.of(pile).stability().falling
+    stuck = Analysis.of(pile).stability()
+    assert stuck.doubtful, "rounds that diverge do not show that a pile falls"
+    assert not stuck.stable
+    assert not stuck.falling
+
+
+def test_a_table_on_an_incline_that_is_too_steep_falls_without_doubt():
+    """Elastic contacts show it alone: the bodies creep down."""
+    table = scenes.table()
+    for friction, tilt in ((0.5, 0.6), (0.3, 0.4)):
+        gravity = 9.81 * np.array([np.sin(tilt), 0.0, -np.cos(tilt)])
+        for block in Analysis.of(Assembly(table.objects, gravity, friction)).blocks:
+            state = block.solvers.coulomb.settle(block.geometry.gravity.ravel())
+            assert state.known
+            assert not state.stands

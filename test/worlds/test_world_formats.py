@@ -337,6 +337,19 @@ def test_a_ball_comes_back_as_a_ball(tmp_path: Path, ending: str) -> None:
     np.testing.assert_allclose(back.objects[1].inertia_in_world, 0.4 * 0.4 * 0.05**2 * np.eye(3), rtol=1e-6)
 
 
+@pytest.mark.parametrize("ending", [".yaml", ".yml", ".YAML"])
+def test_yaml_is_a_scene_file_with_masses_and_friction(tmp_path: Path, ending: str) -> None:
+    """MoveIt's messages are read from YAML, too, but written as .json or .scene."""
+    scene = mixed()
+    assert write_world(scene, tmp_path / f"a{ending}") == ()
+    back, _ = read_world(tmp_path / f"a{ending}")
+    assert back.friction == scene.friction
+    for a, b in zip(scene.objects, back.objects, strict=True):
+        assert (a.id, a.fixed) == (b.id, b.fixed)
+        np.testing.assert_allclose(b.vertices, a.vertices, atol=1e-9)
+        assert a.fixed or abs(a.mass - b.mass) < 1e-12
+
+
 @pytest.mark.parametrize("ending", [".scene", ".json"])
 def test_a_planning_scene_comes_back(tmp_path: Path, ending: str) -> None:
     scene = mixed()

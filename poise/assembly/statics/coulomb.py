@@ -26,8 +26,8 @@ from poise.types import Array, Mask
 _CARRIED = 5e-5
 """A body stands when the catch carries less than this share of its load."""
 _FALLS = 1e-3
-"""A body of whose load the catch carries more than this share is not held by any further rounds, unless it creeps to a
-state in which it stands."""
+"""A body of whose load the catch carries more than this share is not held by any further rounds. It falls if bodies
+creep to such a state, too."""
 _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
@@ -103,8 +103,8 @@ class CoulombBlock:
             asked = attempt <= _STUCK < attempts and (falls or attempt == _STUCK)
             if asked and (crept := self._crept(load, deadline)) is not None:
                 return crept
-            if falls:
-                return ElasticState(False, carried, u)
+            if falls:  # rounds alone are no proof: where bodies did not creep to a fall, either, it is open
+                return ElasticState(False, carried, u, known=attempts <= _STUCK)
         return replace(found, known=False)
 
     def _crept(self, load: Array, deadline: Deadline) -> ElasticState | None:

@@ -20,7 +20,7 @@ class ElasticState:
         unbalanced: share of the load of a body that they do not carry, at most.
         displacement: (6 n,) in units of load per mean stiffness.
         settled: the equations are solved; otherwise it does not stand.
-        known: it was found before the deadline; otherwise it is open whether the block stands.
+        known: it was found, before the deadline; otherwise it is open whether the block stands.
     """
 
     stands: bool
