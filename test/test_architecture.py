@@ -20,7 +20,7 @@ LINKS = ("nodes", "fake_robots")
 
 # From the top to the bottom; an arrow may only point to its own level or below, and rooms never form a circle.
 LEVELS = (
-    {"cli", "commands", "api", "__init__"},
+    {"cli", "commands", "api", "__init__", "__main__"},
     {"viewing"},
     {"manipulation", "baselines"},
     {"placement", "weighing", "mismatch", "excitation", "exporting", "world", "worlds", "calibration", "evaluation"},

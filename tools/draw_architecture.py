@@ -16,7 +16,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "architecture.md"
 BEGIN, END = "<!-- rooms: begin -->", "<!-- rooms: end -->"
 EVERYWHERE = {"types", "errors", "files", "geometry"}
 """Used by nearly every room: shown as the ground floor, without arrows."""
-SHELL = {"api", "cli", "commands"}
+SHELL = {"__main__", "api", "cli", "commands"}
 """Shown as one box on top."""
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from poise.commands.output import add_scene
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, SignalDiagnosis
-from poise.mismatch.effects.joint_friction import numbered_joints
+from poise.mismatch.effects import numbered_joints
 from poise.mismatch.reading import ReadRecording
 from poise.viewing import readable, rounded
 
