@@ -72,7 +72,7 @@ def nominal_law(values: Mapping[str, float]) -> str:
 def nominal_said(values: Mapping[str, float]) -> str:
     """What the nominal model has in the place of what swings, as a clause."""
     lacking = values.get("nominal", AT_PIVOT) == NOWHERE
-    return "the nominal payload lacks it" if lacking else "the nominal payload is rigid"
+    return "the nominal payload lacks them" if lacking else "the nominal payload is rigid"
 
 
 def beyond_nominal(recorded: RecordedMotion, values: Mapping[str, float], depth: float) -> Array:

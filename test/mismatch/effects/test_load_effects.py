@@ -363,4 +363,4 @@ def test_a_rope_that_the_payload_lacks_is_one_cause():
     )
     _, best = search(problem, [rope, effect_named("slosh"), effect_named("payload_parameters")])
     assert names(best) == ("hanging_chain",)
-    assert "lacks it" in rope.sentence(at, best.parts[0].values)
+    assert "lacks them" in rope.sentence(at, best.parts[0].values)
