@@ -32,10 +32,14 @@ _SETTLED = 2e-5
 """rad, the change of the payload's rotation at which the iteration ends."""
 _LARGEST = 0.5
 """rad, the largest rotation that is simulated."""
+_BEYOND = 1e6
+"""N and N m, the largest response."""
 _SMALL = 1e-5
 """rad, rad/s and rad/s2 of derivatives by differences."""
 _STARTING = 0.02
 """s between the samples from which a search begins."""
+_SOFTEST, _STIFFEST = 5.0, 5000.0
+"""N m/rad of a grip."""
 _STIFFNESSES = tuple(np.geomspace(8.0, 1000.0, 11).tolist())
 """N m/rad from which the search may begin, with some damping that makes their resonances overlap."""
 _HEIGHTS, _DAMPING_RATIO = (0.0, 0.05), 0.35
@@ -75,7 +79,7 @@ class GraspCompliance(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return (
-            EffectParameter("stiffness", "N m/rad", low=5.0, high=5000.0, linear=False, log=True),
+            EffectParameter("stiffness", "N m/rad", low=_SOFTEST, high=_STIFFEST, linear=False, log=True),
             EffectParameter("damping_ratio", "", low=0.02, high=1.5, linear=False, log=True),
             EffectParameter("height", "m", low=-0.1, high=0.4, linear=False),
             EffectParameter("axes", "", low=_ONE, high=_ALL, linear=False, choice=True),
@@ -131,7 +135,9 @@ class GraspCompliance(Effect):
     @staticmethod
     def _simulated(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> Array:
         body = _Turned(recorded, values["height"])
-        return body.reading(*body.turns(values, rounds)) - recorded.nominal
+        found = body.reading(*body.turns(values, rounds)) - recorded.nominal
+        # Rounds diverge where a payload is far too heavy for its springs: no reading is like that.
+        return np.clip(np.nan_to_num(found, nan=_BEYOND), -_BEYOND, _BEYOND)
 
 
 def _hinged(values: Values) -> bool:
@@ -165,15 +171,22 @@ def _hinge(
     tensor = np.einsum("oanc,onb->ncab", by_turn, np.stack([z, dz, ddz]))
     entries = np.stack([tensor[:, :, i, j] + (tensor[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS])
     columns = np.stack([(_beside_smoothing(recorded, entry) * weight).ravel() for entry in entries], axis=1)
-    axes = _AXES / np.sqrt(np.einsum("ki,ij,kj->k", _AXES, body.inertia, _AXES) + 1e-9)[:, None]
+    axes = _AXES / np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", _AXES, body.inertia, _AXES), 1e-9))[:, None]
     squares = np.stack([axes[:, i] * axes[:, j] for i, j in _PAIRS], axis=1)
     along = squares @ (columns.T @ wanted.ravel())
     size = np.einsum("ki,ij,kj->k", squares, columns.T @ columns, squares)
     scale = np.clip(along / np.maximum(size, 1e-12), 0.0, _SCALE)
     left = np.vdot(wanted, wanted) - scale * (2.0 * along - scale * size)
+    # About an axis without inertia, no spring of this range is so slow.
+    stiffness = omega**2 / np.einsum("ki,ki->k", axes, axes)
+    left = np.where((stiffness > _SOFTEST) & (stiffness < _STIFFEST), left, np.inf)
     best = int(np.argmin(left))
-    moment = 1.0 / max(float(axes[best] @ axes[best]), 1e-12)
-    values = {"stiffness": omega**2 * moment, "damping_ratio": _RINGING, "height": height, "axes": _ONE}
+    values = {
+        "stiffness": float(np.clip(stiffness[best], _SOFTEST, _STIFFEST)),
+        "damping_ratio": _RINGING,
+        "height": height,
+        "axes": _ONE,
+    }
     return float(left[best]), values | chart(axes[best])
 
 

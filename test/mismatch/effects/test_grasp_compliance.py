@@ -118,3 +118,14 @@ def test_a_payload_turns_in_compiled_code_as_in_python(law, monkeypatch):
         monkeypatch.setattr(grasp_compliance, "COMPILED", compiled)
         found.append(response("grasp_compliance", at, stiffness=20.0, damping_ratio=0.1, height=0.02, **law))
     np.testing.assert_allclose(*found, rtol=0.0, atol=1e-11)
+
+
+def test_about_an_axis_without_inertia_no_hinge_begins():
+    """A point mass on the sensor's z axis: its resonance about z had a stiffness of nothing, and a fit without end."""
+    point = np.array([0.9, 0.0, 0.0, 0.04, 0.0014, 0.0, 0.0, 0.0014, 0.0, 0.0])
+    at = replace(recorded(jitter=0.0), phi=point)
+    residual = np.random.default_rng(2).normal(size=(len(at), 6)) * NOISE
+    effect = effect_named("grasp_compliance")
+    for start in effect.starts(at, residual):
+        assert 5.0 <= start["stiffness"] <= 5000.0
+        assert np.isfinite(effect.simulate(at, start)).all()
