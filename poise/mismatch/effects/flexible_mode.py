@@ -9,10 +9,12 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import (
     AXIS_PARAMETERS,
+    PAIRS,
     PAYLOAD_REACH,
     POINT_PARAMETERS,
     beside_errors,
     best_fit,
+    by_axis,
     chart,
     direction,
     likely_place,
@@ -27,7 +29,6 @@ from poise.mismatch.effects.part_wrench import (
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-_PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 _FREQUENCIES, _STARTS = tuple(np.geomspace(2.0, 14.0, 10).tolist()), 3
 """Hz that are tried, and how many of them the search begins from."""
 
@@ -82,10 +83,10 @@ class FlexibleMode(Effect):
             flat = (bare * weight[:, None]).reshape(-1, 6)
             entries, _ = best_fit(flat, wanted)
             matrix = np.zeros((3, 3))
-            for (i, j), entry in zip(_PAIRS, entries, strict=True):
+            for (i, j), entry in zip(PAIRS, entries, strict=True):
                 matrix[i, j] = matrix[j, i] = entry
             axis = np.linalg.eigh(matrix)[1][:, -1]
-            alone = flat @ np.array([axis[i] * axis[j] for i, j in _PAIRS])
+            alone = flat @ np.array([axis[i] * axis[j] for i, j in PAIRS])
             drop = max(float(alone @ wanted), 0.0) ** 2 / max(float(alone @ alone), 1e-300)
             found.append((drop, {"frequency": frequency, "damping_ratio": 0.05, **chart(axis)}))
         for _, nonlinear in sorted(found, key=lambda item: -item[0])[:_STARTS]:
@@ -133,7 +134,7 @@ class FlexibleMode(Effect):
         force = np.broadcast_to(-axes[None, :, :, None] * second[:, None, None, :], turned.shape)
         lever = -cross(place, axes).T[None, :, :, None] * second[:, None, None, :]
         whole = np.concatenate([force, turned + lever], axis=1)
-        return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS], axis=2)
+        return by_axis(whole)
 
     def _better_place(self, recorded: RecordedMotion, residual: Array, nonlinear: Values, place: Array) -> Array:
         """The point of attack that explains the torque, for a known axis and frequency."""

@@ -17,7 +17,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator, transition
 from poise.mismatch.effects.part_wrench import (
     AXIS_PARAMETERS,
+    PAIRS,
     beside_errors,
+    by_axis,
     chart,
     coarsely,
     direction,
@@ -50,7 +52,6 @@ _ONE, _ALL = 1.0, 3.0
 _CHART = np.linspace(-1.4, 1.4, 15).tolist()
 _AXES = np.array([direction({"axis_a": a, "axis_b": b}) for a in _CHART for b in _CHART if a * a + b * b <= 2.0])
 """(K, 3) axes of hinges that are tried, evenly over half a sphere."""
-_PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 _SCALE = 1.5
 """Largest scale of a response that is compared: stiffness, damping and height all change its size."""
 _SMOOTHING = (0.03, 0.12)
@@ -169,10 +170,10 @@ def _hinge(
     z, dz = Oscillator(recorded.seconds, omega**2, 2.0 * _RINGING * omega)(torque)
     ddz = torque - 2.0 * _RINGING * omega * dz - omega**2 * z
     tensor = np.einsum("oanc,onb->ncab", by_turn, np.stack([z, dz, ddz]))
-    entries = np.stack([tensor[:, :, i, j] + (tensor[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS])
+    entries = np.moveaxis(by_axis(tensor), 2, 0)
     columns = np.stack([(_beside_smoothing(recorded, entry) * weight).ravel() for entry in entries], axis=1)
     axes = _AXES / np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", _AXES, body.inertia, _AXES), 1e-9))[:, None]
-    squares = np.stack([axes[:, i] * axes[:, j] for i, j in _PAIRS], axis=1)
+    squares = np.stack([axes[:, i] * axes[:, j] for i, j in PAIRS], axis=1)
     along = squares @ (columns.T @ wanted.ravel())
     size = np.einsum("ki,ij,kj->k", squares, columns.T @ columns, squares)
     scale = np.clip(along / np.maximum(size, 1e-12), 0.0, _SCALE)

@@ -22,6 +22,8 @@ _END = 0.98
 """Share of the reach from which a place is at the end of its range."""
 _SHARE = 1.05
 """Largest mass of a moving part relative to the nominal payload, whose mass has a tolerance."""
+PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
+"""Entries of a symmetric matrix (3, 3)."""
 AT_PIVOT, NOWHERE, AT_REST = 0.0, 1.0, 2.0
 """Where the nominal model has a part that swings."""
 AXIS_PARAMETERS = ("axis_a", "axis_b")
@@ -64,14 +66,19 @@ def nominals(swing: Mapping[str, float]) -> list[dict[str, float]]:
     return [{**swing, "nominal": place} for place in (AT_PIVOT, NOWHERE, AT_REST)]
 
 
+def _nominal(values: Mapping[str, float]) -> float:
+    """Where the nominal model has what swings; values of earlier versions have it at the pivot."""
+    return values.get("nominal", AT_PIVOT)
+
+
 def nominal_law(values: Mapping[str, float]) -> str:
     """The law of what swings, see `Effect.law`."""
-    return f"nominal {values.get('nominal', AT_PIVOT):.0f}"
+    return f"nominal {_nominal(values):.0f}"
 
 
 def nominal_said(values: Mapping[str, float]) -> str:
     """What the nominal model has in the place of what swings, as a clause."""
-    lacking = values.get("nominal", AT_PIVOT) == NOWHERE
+    lacking = _nominal(values) == NOWHERE
     return "the nominal payload lacks them" if lacking else "the nominal payload is rigid"
 
 
@@ -83,7 +90,7 @@ def beyond_nominal(recorded: RecordedMotion, values: Mapping[str, float], depth:
         values: with `nominal` and the pivot.
         depth: m, how far below the pivot its centre rests.
     """
-    known, pivot = values.get("nominal", AT_PIVOT), place_of(values)
+    known, pivot = _nominal(values), place_of(values)
     if known == AT_PIVOT:
         return np.zeros((len(recorded), 6))
     rigid = point_wrench(recorded, pivot)
@@ -203,7 +210,7 @@ def error_states(recorded: RecordedMotion) -> Array:
 def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:
     """Why a part of the payload cannot have a mass, kg, and a place, as a clause; "" when it can."""
     whole = abs(float(recorded.phi[0]))
-    most = _SHARE * whole if values.get("nominal", AT_PIVOT) != NOWHERE else whole
+    most = _SHARE * whole if _nominal(values) != NOWHERE else whole
     heavy = f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > most else ""
     return heavy or out_of_reach(values)
 
@@ -281,6 +288,11 @@ def payload_centre(recorded: RecordedMotion) -> Array:
     """(3,) m, the nominal payload's centre of mass; the sensor's origin when it weighs nothing."""
     mass = float(recorded.phi[0])
     return np.asarray(recorded.phi[1:4] / mass) if abs(mass) > 1e-3 else np.zeros(3)
+
+
+def by_axis(tensor: Array) -> Array:
+    """(N, 6, 6) response to the entries of n n^T, see `PAIRS`, from (N, 6, 3, 3): along axis i under the swing of j."""
+    return np.stack([tensor[:, :, i, j] + (tensor[:, :, j, i] if i != j else 0.0) for i, j in PAIRS], axis=2)
 
 
 def best_fit(columns: Array, wanted: Array) -> tuple[Array, float]:
