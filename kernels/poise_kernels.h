@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define POISE_KERNELS_VERSION 11 /* of this interface; poise/kernels refuses another one */
+#define POISE_KERNELS_VERSION 12 /* of this interface; poise/kernels refuses another one */
 
 #if defined(_WIN32)
 #define POISE_EXPORT __declspec(dllexport)

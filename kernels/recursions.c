@@ -286,6 +286,8 @@ POISE_EXPORT POISE_WIDE void poise_rope(int64_t n, int64_t links, const double *
 /* Steps in a time in which a part stays at a stop, at the most. */
 static const double MOST_STEPS = 1e4;
 enum { HALVINGS = 24 }; /* of the time in which a contact ends */
+/* Times that dry friction stops or releases a part in one step, at the most: rounding could do it again and again. */
+static const double MOST_TURNS = 1e3;
 /* Share of half a gap by which a part that rests at a stop may move without another contact: rounding ends each
    contact at once there, and begins the next. */
 static const double RESTS = 1e-9;
@@ -332,42 +334,104 @@ static double pushed(part at, double side, double half, double settling) {
   return (side * at.x - half) / settling + 2.0 * side * at.v;
 }
 
-/* The part after `span` seconds in which the push grows from `push` to `end`, between stops at +-`half`. */
-static part advanced(part at, double push, double end, double span, double half, double settling) {
-  const double rate = (end - push) / span, step = fmax(settling / 2.0, span / MOST_STEPS);
-  for (double left = span; left > 0.0;) {
-    const double side = at.x > 0.0 ? 1.0 : -1.0, moves = left * (fabs(at.v) + left * fmax(fabs(push), fabs(end)));
-    if (fabs(side * at.x - half) + moves < RESTS * half) return flown(at, push, rate, left);
-    double t = left < step ? left : step;
-    if (side * at.x < half) {
-      const part there = flown(at, push, rate, left);
-      if (fabs(there.x) <= half) return there;
-      const double stop = there.x > 0.0 ? 1.0 : -1.0;
-      t = met(at, push, rate, left, stop, half);
-      at = flown(at, push, rate, t), at.x = stop * half;
-    } else {
-      const int touches = pushed(at, side, half, settling) > 0.0;
-      double early = 0.0;
-      for (int halving = 0; halving <= HALVINGS; halving++) { /* until the contact ends, or begins again */
-        const double middle = halving ? (early + t) / 2.0 : t;
-        const part there =
-            touches ? held(at, push, rate, middle, side, half, settling) : flown(at, push, rate, middle);
-        const int changed = side * there.x > half && (pushed(there, side, half, settling) > 0.0) != touches;
-        if (changed) t = middle;
-        else if (halving) early = middle;
-        else break;
+/* What acts on a part: its push, and the largest deceleration by dry friction. */
+typedef struct {
+  double push, drag;
+} load;
+
+/* `from`, and what it gains by `rate` in t seconds. */
+static load after(load from, load rate, double t) {
+  const load out = {from.push + rate.push * t, from.drag + rate.drag * t};
+  return out;
+}
+
+/* How long dry friction holds a part at rest against `force`, which grows as the push does; infinity for ever. `sense`
+   becomes the direction in which it starts. */
+static double stuck(double force, load now, load rate, double *sense) {
+  if (fabs(force) > now.drag) return *sense = force > 0.0 ? 1.0 : -1.0, 0.0;
+  double soonest = INFINITY;
+  for (double way = 1.0; way >= -1.0; way -= 2.0) {
+    const double opens = way * rate.push - rate.drag, time = (now.drag - way * force) / opens;
+    if (opens > 0.0 && time < soonest) soonest = time, *sense = way;
+  }
+  return soonest;
+}
+
+/* When the speed of a flight first vanishes after its begin; `span` where it does not before. */
+static double turned(double v, double push, double rate, double span) {
+  const double square = push * push - 2.0 * rate * v, sum = -(push + copysign(sqrt(fmax(square, 0.0)), push));
+  if (square < 0.0) return span;
+  const double one = rate != 0.0 ? sum / rate : span, other = sum != 0.0 ? 2.0 * v / sum : span;
+  double soonest = span;
+  if (one > 0.0 && one < soonest) soonest = one;
+  if (other > 0.0 && other < soonest) soonest = other;
+  return soonest;
+}
+
+/* How long, up to `most`, one law holds for a part in the stop at `side` times `half`: until the contact ends, or begins
+   again, or dry friction has stopped the part (`sense` is 0 without friction). `at` becomes the part then. */
+static double stopped(part *at, double push, double rate, double most, double side, double half, double settling,
+                      double sense) {
+  const part begin = *at;
+  const int touches = pushed(begin, side, half, settling) > 0.0;
+  double early = 0.0, t = most;
+  for (int halving = 0; halving <= HALVINGS; halving++) {
+    const double middle = halving ? (early + t) / 2.0 : t;
+    const part there =
+        touches ? held(begin, push, rate, middle, side, half, settling) : flown(begin, push, rate, middle);
+    const int turns = sense != 0.0 && sense * there.v <= 0.0;
+    if (turns || (side * there.x > half && (pushed(there, side, half, settling) > 0.0) != touches)) t = middle;
+    else if (halving) early = middle;
+    else break;
+  }
+  *at = touches ? held(begin, push, rate, t, side, half, settling) : flown(begin, push, rate, t);
+  if (sense != 0.0 && sense * at->v <= 0.0) at->v = 0.0;
+  return t;
+}
+
+/* The part after `span` seconds in which its load changes from `now` to `end`, between stops at +-`half`. */
+static part advanced(part at, load now, load end, double span, double half, double settling) {
+  const load rate = {(end.push - now.push) / span, (end.drag - now.drag) / span};
+  const int rubs = now.drag > 0.0 || rate.drag > 0.0;
+  const double step = fmax(settling / 2.0, span / MOST_STEPS);
+  for (double left = span, t; left > 0.0; now = after(now, rate, t), left -= t) {
+    const double side = at.x > 0.0 ? 1.0 : -1.0;
+    const double moves = left * (fabs(at.v) + left * fmax(fabs(now.push), fabs(end.push)));
+    if (fabs(side * at.x - half) + moves < RESTS * half) return flown(at, now.push, rate.push, left);
+    double sense = !rubs || at.v == 0.0 ? 0.0 : at.v > 0.0 ? 1.0 : -1.0;
+    if (rubs && at.v == 0.0) {
+      const double stop = side * fmax(side * at.x - half, 0.0) / (settling * settling);
+      t = stuck(now.push - stop, now, rate, &sense);
+      if (t > 0.0) {
+        t = fmin(fmax(t, span / MOST_TURNS), left);
+        continue;
       }
-      at = touches ? held(at, push, rate, t, side, half, settling) : flown(at, push, rate, t);
     }
-    push += rate * t, left -= t;
+    const double push = now.push - sense * now.drag, growth = rate.push - sense * rate.drag;
+    if (side * at.x < half) {
+      const double turn = rubs ? turned(at.v, push, growth, left) : left;
+      part there = flown(at, push, growth, turn);
+      if (fabs(there.x) <= half) {
+        if (turn >= left) return there;
+        t = turn, at.x = there.x, at.v = 0.0;
+      } else {
+        const double stop = there.x > 0.0 ? 1.0 : -1.0;
+        t = met(at, push, growth, turn, stop, half);
+        at = flown(at, push, growth, t), at.x = stop * half;
+      }
+    } else {
+      t = stopped(&at, push, growth, left < step ? left : step, side, half, settling, sense);
+      if (rubs && at.v == 0.0) t = fmax(t, span / MOST_TURNS);
+    }
   }
   return at;
 }
 
-/* Position, velocity and acceleration (3, n) of a part between two stops, `gap` apart, under a push (n,). It begins at
-   rest. The acceleration is averaged over `blur` on either side of a stamp. */
-POISE_EXPORT void poise_between_stops(int64_t n, const double *seconds, const double *push, double gap, double settling,
-                                      double blur, double *motion) {
+/* Position, velocity and acceleration (3, n) of a part between two stops, `gap` apart, under a push (n,) and with dry
+   friction of at most `drag` (n,), or none if it is null. It begins at rest. The acceleration is averaged over `blur` on
+   either side of a stamp. */
+POISE_EXPORT void poise_between_stops(int64_t n, const double *seconds, const double *push, const double *drag,
+                                      double gap, double settling, double blur, double *motion) {
   const double half = gap / 2.0;
   part at = {(push[0] >= 0.0 ? half : -half) + push[0] * settling * settling, 0.0};
   double since = 0.0, before = 0.0;
@@ -378,11 +442,13 @@ POISE_EXPORT void poise_between_stops(int64_t n, const double *seconds, const do
       return;
     }
     const double span = seconds[i + 1] - seconds[i], near = span < 2.0 * blur ? span / 2.0 : blur;
-    const double rate = (push[i + 1] - push[i]) / span, first = push[i] + rate * near, last = push[i + 1] - rate * near;
-    at = advanced(at, push[i], first, near, half, settling);
+    const load begin = {push[i], drag ? drag[i] : 0.0}, end = {push[i + 1], drag ? drag[i + 1] : 0.0};
+    const load rate = {(end.push - begin.push) / span, (end.drag - begin.drag) / span};
+    const load first = after(begin, rate, near), last = after(end, rate, -near);
+    at = advanced(at, begin, first, near, half, settling);
     motion[2 * n + i] = (at.v - before) / (since + near);
     if (span > 2.0 * near) at = advanced(at, first, last, span - 2.0 * near, half, settling);
     before = at.v, since = near;
-    at = advanced(at, last, push[i + 1], near, half, settling);
+    at = advanced(at, last, end, near, half, settling);
   }
 }

@@ -59,11 +59,13 @@ def rope(
     return felt[:, :3], felt[:, 3:]
 
 
-def between_stops(seconds: Array, push: Array, gap: float, settling: float, blur: float) -> Array:
+def between_stops(
+    seconds: Array, push: Array, gap: float, settling: float, blur: float, drag: Array | None = None
+) -> Array:
     """(3, N) position, velocity and acceleration of a part between two stops; needs `COMPILED`.
 
     Args:
-        seconds, push, gap, settling: see `poise.mismatch.effects.part_motion.between_stops`.
+        seconds, push, gap, settling, drag: see `poise.mismatch.effects.stops.between_stops`.
         blur: s on either side over which the acceleration is averaged.
 
     Raises:
@@ -71,6 +73,8 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float, blur
     """
     stamps = contiguous(seconds, -1, what="stamps")
     pushes = contiguous(push, len(stamps), what="pushes")
+    drags = None if drag is None else contiguous(drag, len(stamps), what="drags")
     motion = np.empty((3, len(stamps)))
-    library.poise_between_stops(len(stamps), address(stamps), address(pushes), gap, settling, blur, address(motion))
+    given = address(stamps), address(pushes), None if drags is None else address(drags)
+    library.poise_between_stops(len(stamps), *given, gap, settling, blur, address(motion))
     return motion

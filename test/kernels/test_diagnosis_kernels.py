@@ -6,7 +6,7 @@ from scipy.interpolate import make_interp_spline
 
 from poise.errors import InputError
 from poise.kernels import between_stops, bounded_minimum, likely_colours, pendulum
-from poise.mismatch.effects import part_motion
+from poise.mismatch.effects import part_motion, stops
 from poise.mismatch.inference import box, noise
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
 from poise.mismatch.recorded import at_times
@@ -114,15 +114,17 @@ def test_interpolation_is_that_of_scipy(samples: int, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("settling", [6e-4, 0.008, 0.09])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
 def test_a_part_between_stops_moves_as_in_python(
-    settling: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    settling: float, friction: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seconds = np.cumsum(rng.uniform(5e-4, 0.015, 1500))  # steps shorter and longer than the average of accelerations
     push = 3.0 * np.sin(4.0 * seconds) + rng.normal(0.3, 0.2, len(seconds))
+    drag = friction * rng.uniform(1.0, 3.0, len(seconds)) if friction else None
     found = []
     for compiled in (True, False):
-        monkeypatch.setattr(part_motion, "COMPILED", compiled)
-        found.append(part_motion.between_stops(seconds, push, 0.012, settling))
+        monkeypatch.setattr(stops, "COMPILED", compiled)
+        found.append(stops.between_stops(seconds, push, 0.012, settling, drag))
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-11 * np.abs(other).max())
     with pytest.raises(InputError):

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, joint_unit, numbers, slides
 from poise.mismatch.effects.knocks import knocks_at
-from poise.mismatch.effects.part_motion import between_stops
+from poise.mismatch.effects.stops import between_stops
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects.part_motion import knock_acceleration
 from poise.mismatch.effects.starts import spans
+from poise.mismatch.effects.stops import knock_acceleration
 from poise.types import Array
 
 _LOUD = 8.0

@@ -10,7 +10,6 @@ from scipy.ndimage import uniform_filter1d
 from poise.geometry import cross, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.knocks import Knocks, find_knocks, knocks_at
-from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
     AXIS_PARAMETERS,
     PAYLOAD_REACH,
@@ -26,13 +25,14 @@ from poise.mismatch.effects.part_wrench import (
     specific_at,
 )
 from poise.mismatch.effects.starts import noise_in
+from poise.mismatch.effects.stops import between_stops, travelled
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _STAGES, _SCREENED = ((15, 10, 1.0), (5, 18, 0.6), (2, 14, 0.3)), 5
 """Stages of a search: samples over which differences are averaged, generations, and share of the widths about the
 result of the stage before. Samples that are averaged in the choice of its start."""
-_WIDTHS, _EDGE = {"gap": 0.05, "settling": 0.2, "axis_a": 0.015, "axis_b": 0.015, "x": 0.05}, 2e-3
+_WIDTHS, _EDGE = {"gap": 0.05, "settling": 0.2, "axis_a": 0.015, "axis_b": 0.015, "x": 0.05, "friction": 0.15}, 2e-3
 """Half-widths of the search in the places of values in their priors, and the least distance from the ends."""
 _STRIDE = 0.05
 """s between the samples that show where the part rests."""
@@ -45,6 +45,10 @@ _FEEBLE, _SILENT = 0.025, 0.05
 knocks: parts of 75 g explain 3 to 10 %, other effects with as loud knocks up to 2 % (benchmarks.concealed)."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 12).tolist()), 0.01
 """m and s that are tried."""
+_SMOOTH, _ROUGH = 1e-3, 1.0
+"""Range of the coefficient of friction. The least is none: a part then starts up to 2 ms late."""
+_FRICTIONS = (1.5 * _SMOOTH, 0.02, 0.08, 0.25)
+"""Coefficients that are tried."""
 _TRIED = 3
 """Starts that are improved: each may end at a gap that is right for some of the knocks alone."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
@@ -52,10 +56,10 @@ _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 
 
 class LoosePart(Effect):
-    """A mass that slides freely along an axis of the tool between two stops.
+    """A mass that slides along an axis of the tool between two stops, with dry friction in its guide.
 
     Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop pushes as
-    a critically damped spring and does not pull. (With friction the part would start a little later.)
+    a critically damped spring and does not pull. The guide presses on the part with what acts across the axis.
     """
 
     name = "loose_part"
@@ -63,8 +67,8 @@ class LoosePart(Effect):
     fast = True
     knocks = True
     equation = (
-        "z'' = n.(g - a_p) while |z| < gap / 2; in a stop at depth d also -max(2 d' / T + d / T^2, 0) outwards; part "
-        "at p + n z instead of at p"
+        "z'' = n.(g - a_p) - mu |n x (g - a_p)| sign(z'); in a stop at depth d also -max(2 d' / T + d / T^2, 0) "
+        "outwards; part at p + n z instead of at p"
     )
     source = "impact pair (Brach 1991, Mechanical Impact Dynamics, chapter 2) with Kelvin and Voigt's stops"
     excited_by = "tilting the axis through the level, and accelerating along it"
@@ -77,6 +81,7 @@ class LoosePart(Effect):
         return (
             EffectParameter("gap", "m", low=5e-4, high=0.1, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
+            EffectParameter("friction", "", low=_SMOOTH, high=_ROUGH, linear=False, log=True, vanishes=True),
             *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
@@ -101,19 +106,24 @@ class LoosePart(Effect):
         def drop(values: Values) -> float:
             return self._drop(recorded, values, there, weight, _SCREENED)
 
-        # The gap that the knocks say is wrong where some were not heard, and few samples show how a stop settles.
-        tried = [
-            {**start, "gap": gap, "settling": settling}
-            for start in found
-            for gap in (start["gap"], *_GAPS)
-            for settling in (start["settling"], _SETTLING)
-        ]
-        drops = [drop(values) for values in tried]
+        # The gap that the knocks say is wrong where some were not heard, and few samples show how a stop settles. A
+        # part that rubs knocks as late as one with another gap, so that each friction leads to a valley of its own.
         least = max(_HEARD, (_FEEBLE if heard else _SILENT) * _step(_SCREENED) * float(there @ there))
-        best = [tried[index] for index in np.argsort(drops)[::-1].tolist() if drops[index] > least][:_TRIED]
-        for index, start in enumerate(best):
-            if start not in best[:index]:
-                yield self._sharpened(recorded, start, bent, weight)
+        tried = [
+            max(
+                (
+                    {**start, "gap": gap, "settling": settling, "friction": friction}
+                    for start in found
+                    for gap in (start["gap"], *_GAPS)
+                    for settling in dict.fromkeys((start["settling"], _SETTLING))
+                ),
+                key=drop,
+            )
+            for friction in (_FRICTIONS if found else ())
+        ]
+        roughly = [self._sharpened(recorded, one, bent, weight, _STAGES[:1]) for one in tried if drop(one) > least]
+        for start in sorted(roughly, key=drop, reverse=True)[:_TRIED]:
+            yield self._sharpened(recorded, start, bent, weight, _STAGES[1:])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         slid = self._slid(recorded, nonlinear)
@@ -127,7 +137,10 @@ class LoosePart(Effect):
     @staticmethod
     def _slid(recorded: RecordedMotion, values: Values) -> tuple[Array, Array, Array]:
         """(N,) each: where the part is along the axis, m, its rate and second rate."""
-        return between_stops(recorded.seconds, _push(recorded, values), values["gap"], values["settling"])
+        felt = specific_at(recorded, place_of(values))
+        push = felt @ direction(values)
+        across = np.linalg.norm(felt - push[:, None] * direction(values), axis=1)
+        return between_stops(recorded.seconds, push, values["gap"], values["settling"], values["friction"] * across)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         reason = super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
@@ -198,7 +211,12 @@ class LoosePart(Effect):
         return [_values(_GAPS[0], _SETTLING, axis, centre)]
 
     def _sharpened(
-        self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
+        self,
+        recorded: RecordedMotion,
+        start: dict[str, float],
+        wanted: Array,
+        weight: Array,
+        stages: tuple[tuple[int, int, float], ...],
     ) -> dict[str, float]:
         """Differential evolution about a start, from coarse to fine blur.
 
@@ -208,7 +226,7 @@ class LoosePart(Effect):
         width = np.array([_WIDTHS.get(p.name, _WIDTHS["x"]) for p in moving])
 
         places = np.array([p.to_unit(start[p.name]) for p in moving])
-        for blur, generations, share in _STAGES:
+        for blur, generations, share in stages:
             there = _blurred(wanted, weight, blur)
             places = np.clip(places, _EDGE, 1.0 - _EDGE)
             around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
@@ -245,7 +263,8 @@ def _blurred(values: Array, weight: Array, blur: int) -> Array:
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
-    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
+    point = dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))
+    return {"gap": gap, "settling": settling, "friction": _SMOOTH, **chart(axis), **point}
 
 
 def _step(blur: int) -> int:

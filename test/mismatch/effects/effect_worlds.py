@@ -122,7 +122,7 @@ TYPICAL = {
         **chart(AXIS),
         **PLACE,
     },
-    "loose_part": {"mass": 0.35, "gap": 0.02, "settling": 0.012, **chart(AXIS), **PLACE},
+    "loose_part": {"mass": 0.35, "gap": 0.02, "settling": 0.012, "friction": 0.02, **chart(AXIS), **PLACE},
     "grasp_compliance": {"stiffness": 40.0, "damping_ratio": 0.2, "height": 0.03},
     "viscous_friction": {f"damping_{i}": 3.0 if i < 4 else 0.6 for i in range(1, 7)},
     "coulomb_friction": {"transition": 0.02} | {f"torque_{i}": 5.0 if i < 4 else 1.0 for i in range(1, 7)},

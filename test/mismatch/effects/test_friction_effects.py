@@ -9,7 +9,7 @@ from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
 
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION
-from poise.mismatch.effects.part_motion import between_stops
+from poise.mismatch.effects.stops import between_stops
 from poise.mismatch.reading import effort_track
 from poise.mismatch.recorded import LinkTrack
 from poise.simulation import JointMotion

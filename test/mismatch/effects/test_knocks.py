@@ -14,7 +14,7 @@ LOOSE = effect_named("loose_part")
 
 def knocking(seed=4):
     at = recorded("poses")
-    values = TYPICAL["loose_part"] | {"settling": 0.006}
+    values = TYPICAL["loose_part"] | {"settling": 0.006, "friction": 0.005}
     noise = np.random.default_rng(seed).normal(size=at.wrench.shape) * NOISE
     return replace(at, wrench=at.prediction + LOOSE.simulate(at, values) + noise), values
 
