@@ -152,13 +152,17 @@ class Slosh(LoadFault):
 
 
 class LoosePart(LoadFault):
-    """A mass that slides between two stops (MuJoCo's joint limits); counted as rigid in the middle; size: kg."""
+    """A mass that slides between two stops (MuJoCo's joint limits); counted as rigid in the middle; size: kg.
+
+    Dry friction takes a constant force, up to a share of the weight, whatever presses on its guide.
+    """
 
     name, usual = "loose_part", 0.2
 
     @classmethod
     def random(cls, scene: Scene, track: Track, rng: np.random.Generator) -> dict[str, Any]:
-        return {"gap": float(rng.uniform(0.008, 0.02)), "axis": list(direction(rng)), "place": list(scene.load.place)}
+        gap, axis = float(rng.uniform(0.008, 0.02)), list(direction(rng))
+        return {"gap": gap, "axis": axis, "place": list(scene.load.place), "friction": float(rng.uniform(0.0, 0.15))}
 
     @property
     def freed(self) -> float:
@@ -173,6 +177,7 @@ class LoosePart(LoadFault):
         half = self.truth["gap"] / 2
         joint = part.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.array(self.truth["axis"]))
         joint.limited, joint.range, joint.solref_limit = True, [-half, half], [0.006, 1.0]
+        joint.frictionloss = self.truth["friction"] * self.freed * GRAVITY
 
     def parameters(self) -> dict[str, float]:
         return {"mass": self.size, "gap": self.truth["gap"]}
