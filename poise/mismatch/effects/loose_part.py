@@ -1,7 +1,7 @@
 """Loose part: a part of the payload slides between two stops and knocks against them."""
 
-from collections.abc import Iterable
-from functools import lru_cache
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -25,13 +25,16 @@ from poise.mismatch.effects.part_wrench import (
     specific_at,
 )
 from poise.mismatch.effects.starts import noise_in
-from poise.mismatch.effects.stops import between_stops, travelled
+from poise.mismatch.effects.stops import BLUR, between_stops, travelled
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-_STAGES, _SCREENED = ((15, 10, 1.0), (5, 18, 0.6), (2, 14, 0.3)), 5
-"""Stages of a search: samples over which differences are averaged, generations, and share of the widths about the
-result of the stage before. Samples that are averaged in the choice of its start."""
+_COARSE = 0.02
+"""s over which readings are averaged in the first stages of a search, and where it begins."""
+_STAGES, _SCREENED = ((_COARSE, 7, 10, 1.0), (_COARSE, 2, 18, 0.6), (0.0, 2, 14, 0.3)), 3
+"""Stages of a search: s over which readings are averaged (0: every sample), number of these averages over which
+differences are averaged again, generations, and share of the widths about the result of the stage before. Averages that
+are averaged again where it begins."""
 _WIDTHS, _EDGE = {"gap": 0.05, "settling": 0.2, "axis_a": 0.015, "axis_b": 0.015, "x": 0.05, "friction": 0.15}, 2e-3
 """Half-widths of the search in the places of values in their priors, and the least distance from the ends."""
 _STRIDE = 0.05
@@ -49,7 +52,7 @@ _SMOOTH, _ROUGH = 1e-3, 1.0
 """Range of the coefficient of friction. The least is none: a part then starts up to 2 ms late."""
 _FRICTIONS = (1.5 * _SMOOTH, 0.02, 0.08, 0.25)
 """Coefficients that are tried."""
-_TRIED = 3
+_TRIED = 2
 """Starts that are improved: each may end at a gap that is right for some of the knocks alone."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s: accuracy of axis, place and time from knocks alone."""
@@ -101,52 +104,39 @@ class LoosePart(Effect):
         if heard:
             found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
 
-        there = _blurred(bent, weight, _SCREENED)
-
-        def drop(values: Values) -> float:
-            return self._drop(recorded, values, there, weight, _SCREENED)
-
         # The gap that the knocks say is wrong where some were not heard, and few samples show how a stop settles. A
         # part that rubs knocks as late as one with another gap, so that each friction leads to a valley of its own.
-        least = max(_HEARD, (_FEEBLE if heard else _SILENT) * _step(_SCREENED) * float(there @ there))
+        view = _View.of(recorded, bent, weight, _COARSE, _SCREENED)
+        least = max(_HEARD, (_FEEBLE if heard else _SILENT) * view.square)
         tried = [
             max(
                 (
                     {**start, "gap": gap, "settling": settling, "friction": friction}
                     for start in found
-                    for gap in (start["gap"], *_GAPS)
-                    for settling in dict.fromkeys((start["settling"], _SETTLING))
+                    for gap, settling in ((start["gap"], start["settling"]), *((gap, _SETTLING) for gap in _GAPS))
                 ),
-                key=drop,
+                key=view.drop,
             )
             for friction in (_FRICTIONS if found else ())
         ]
-        roughly = [self._sharpened(recorded, one, bent, weight, _STAGES[:1]) for one in tried if drop(one) > least]
-        for start in sorted(roughly, key=drop, reverse=True)[:_TRIED]:
-            yield self._sharpened(recorded, start, bent, weight, _STAGES[1:])
+        views = [_View.of(recorded, bent, weight, *stage[:2]) for stage in _STAGES]
+        roughly = [self._sharpened(one, views[:1], _STAGES[:1]) for one in tried if view.drop(one) > least]
+        for start in sorted(roughly, key=view.drop, reverse=True)[:_TRIED]:
+            yield self._sharpened(start, views[1:], _STAGES[1:])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        slid = self._slid(recorded, nonlinear)
-        return sliding_wrench(recorded, place_of(nonlinear), direction(nonlinear), slid)[:, :, None]
+        return _part_wrench(recorded, nonlinear)[:, :, None]
 
     def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """The knocks: while a stop gives way."""
-        slid, speed, _ = self._slid(recorded, values)
-        return knocks_at(recorded.seconds, slid, speed, _push(recorded, values), values["gap"], values["settling"])
-
-    @staticmethod
-    def _slid(recorded: RecordedMotion, values: Values) -> tuple[Array, Array, Array]:
-        """(N,) each: where the part is along the axis, m, its rate and second rate."""
-        felt = specific_at(recorded, place_of(values))
-        push = felt @ direction(values)
-        across = np.linalg.norm(felt - push[:, None] * direction(values), axis=1)
-        return between_stops(recorded.seconds, push, values["gap"], values["settling"], values["friction"] * across)
+        push, (slid, speed, _) = _slid(recorded, values)
+        return knocks_at(recorded.seconds, slid, speed, push, values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         reason = super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
         if reason:
             return reason
-        slid = self._slid(recorded, values)[0]
+        _, (slid, _, _) = _slid(recorded, values)
         stops = np.sign(slid[np.abs(slid) > 0.5 * values["gap"]])
         return "" if np.count_nonzero(np.diff(stops)) >= _FEWEST else "it would hardly leave its stop"
 
@@ -211,29 +201,21 @@ class LoosePart(Effect):
         return [_values(_GAPS[0], _SETTLING, axis, centre)]
 
     def _sharpened(
-        self,
-        recorded: RecordedMotion,
-        start: dict[str, float],
-        wanted: Array,
-        weight: Array,
-        stages: tuple[tuple[int, int, float], ...],
+        self, start: dict[str, float], views: Sequence["_View"], stages: Sequence[tuple[float, int, int, float]]
     ) -> dict[str, float]:
         """Differential evolution about a start, from coarse to fine blur.
 
         A knock that is a sample too late explains nothing, so that the square has a valley for each knock.
         """
-        moving = [p for p in self.parameters(recorded) if not p.linear]
+        moving = [p for p in self.parameters(views[0].recorded) if not p.linear]
         width = np.array([_WIDTHS.get(p.name, _WIDTHS["x"]) for p in moving])
 
         places = np.array([p.to_unit(start[p.name]) for p in moving])
-        for blur, generations, share in stages:
-            there = _blurred(wanted, weight, blur)
+        for view, (_, _, generations, share) in zip(views, stages, strict=True):
             places = np.clip(places, _EDGE, 1.0 - _EDGE)
             around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
             places = scipy.optimize.differential_evolution(
-                lambda tried, there=there, blur=blur: (
-                    -self._drop(recorded, values_at(moving, tried), there, weight, blur)
-                ),
+                lambda tried, view=view: -view.drop(values_at(moving, tried)),
                 around,
                 x0=places,
                 popsize=2,
@@ -245,16 +227,62 @@ class LoosePart(Effect):
             ).x
         return values_at(moving, places)
 
-    def _drop(self, recorded: RecordedMotion, nonlinear: Values, there: Array, weight: Array, blur: int) -> float:
-        """By how much the best mass lowers the square of a residual, which is `_blurred`."""
-        here = _blurred(_bent(recorded, self.columns(recorded, nonlinear)[:, :, 0]), weight, blur)
-        here *= max(float(here @ there), 0.0) / max(float(here @ here), 1e-12)
-        return _step(blur) * float(there @ there - (there - here) @ (there - here))
+
+@dataclass(frozen=True)
+class _View:
+    """A residual as a stage of the search looks at it: weighed averages of averages.
+
+    Args:
+        recorded: the samples in the middle of the first averages; weight: (6,) of those.
+        half: s, half the time of a first average.
+        blur: number of first averages in one of the second.
+        there: the second averages, flat.
+    """
+
+    recorded: RecordedMotion
+    weight: Array
+    half: float
+    blur: int
+    there: Array
+
+    @classmethod
+    def of(cls, recorded: RecordedMotion, residual: Array, weight: Array, seconds: float, blur: int) -> "_View":
+        """A residual (N, 6), averaged over some time and then `blur` times that."""
+        few, half = max(round(seconds / recorded.period), 1), BLUR
+        if few > 1:
+            count, half = len(recorded) // few, few * recorded.period / 2
+            middle = np.zeros(len(recorded), dtype=bool)
+            middle[few // 2 : few * count : few] = True
+            residual = residual[: few * count].reshape(count, few, -1).mean(axis=1)
+            whole, weight = recorded, weight * np.sqrt(few)
+            recorded = whole.once(f"one of {few} samples", lambda: whole.select(middle))
+        return cls(recorded, weight, half, blur, _blurred(residual, weight, blur))
+
+    @property
+    def square(self) -> float:
+        """Of the residual."""
+        return _step(self.blur) * float(self.there @ self.there)
+
+    def drop(self, values: Values) -> float:
+        """By how much the best mass of a part lowers the square of the residual."""
+        wrench = _part_wrench(self.recorded, values, self.half)
+        here = _blurred(_bent(self.recorded, wrench), self.weight, self.blur)
+        along = max(float(here @ self.there), 0.0)
+        return _step(self.blur) * along**2 / max(float(here @ here), 1e-12)
 
 
-def _push(recorded: RecordedMotion, values: Values) -> Array:
-    """(N,) m/s2 along the axis of a free part."""
-    return np.asarray(specific_at(recorded, place_of(values)) @ direction(values))
+def _part_wrench(recorded: RecordedMotion, values: Values, blur: float = BLUR) -> Array:
+    """(N, 6) of 1 kg that slides, beside this mass in the middle; see `between_stops` for `blur`."""
+    _, slid = _slid(recorded, values, blur)
+    return sliding_wrench(recorded, place_of(values), direction(values), slid)
+
+
+def _slid(recorded: RecordedMotion, values: Values, blur: float = BLUR) -> tuple[Array, tuple[Array, Array, Array]]:
+    """(N,) m/s2 along the axis of a free part; and its place along the axis, m, rate and second rate."""
+    felt, axis = specific_at(recorded, place_of(values)), direction(values)
+    push = felt @ axis
+    drag = values["friction"] * np.linalg.norm(felt - push[:, None] * axis, axis=1)
+    return push, between_stops(recorded.seconds, push, values["gap"], values["settling"], drag, blur)
 
 
 def _blurred(values: Array, weight: Array, blur: int) -> Array:
@@ -278,9 +306,13 @@ def _bent(recorded: RecordedMotion, values: Array) -> Array:
     return np.asarray(values - basis @ (basis.T @ values))
 
 
-@lru_cache(maxsize=2)
 def _basis(recorded: RecordedMotion) -> Array:
-    return np.asarray(np.linalg.qr(np.hstack([np.ones((len(recorded), 1)), recorded.specific]))[0])
+    """(N, 4) orthonormal columns: a constant, and what a shifted centre of mass adds."""
+
+    def made() -> Array:
+        return np.asarray(np.linalg.qr(np.hstack([np.ones((len(recorded), 1)), recorded.specific]))[0])
+
+    return recorded.once("constant and specific force", made)
 
 
 def _around(axis: Array, reach: float) -> Array:

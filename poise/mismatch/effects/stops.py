@@ -16,12 +16,12 @@ _MOST_TURNS = 1e3
 """Times that dry friction stops or releases a part in one step, at the most: rounding could do it again and again."""
 _RESTS = 1e-9
 """Share of half a gap by which a part that rests at a stop may move without another contact."""
-_BLUR = 1e-3
+BLUR = 1e-3
 """s on either side over which the acceleration of a part is averaged."""
 
 
 def between_stops(
-    seconds: Array, push: Array, gap: float, settling: float, drag: Array | None = None
+    seconds: Array, push: Array, gap: float, settling: float, drag: Array | None = None, blur: float = BLUR
 ) -> tuple[Array, Array, Array]:
     """Position of a part between two stops, its velocity and acceleration, relative to its carrier.
 
@@ -36,12 +36,13 @@ def between_stops(
         gap: from stop to stop, m (or rad).
         settling: s.
         drag: (N,) m/s2 (or rad/s2), the largest that dry friction takes; None for none.
+        blur: s on either side over which ddx is averaged.
 
     Returns:
-        x, dx, ddx, each (N,); ddx is averaged over 1 ms on either side.
+        x, dx, ddx, each (N,).
     """
     moved = compiled_stops if COMPILED else _stopped
-    position, velocity, acceleration = moved(seconds, push, gap, settling, _BLUR, drag)
+    position, velocity, acceleration = moved(seconds, push, gap, settling, blur, drag)
     return position, velocity, acceleration
 
 
@@ -208,8 +209,8 @@ def knock_acceleration(t: Array, settling: float) -> Array:
 
     It jumps to -2 / settling: a sensor measures its mean over a short time.
     """
-    late, early = (np.maximum(t + shift, 0.0) / settling for shift in (_BLUR, -_BLUR))
-    return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * _BLUR))
+    late, early = (np.maximum(t + shift, 0.0) / settling for shift in (BLUR, -BLUR))
+    return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * BLUR))
 
 
 class _Flight:
