@@ -16,6 +16,8 @@ _RAMPS = np.array([0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4])
 """rad/s or m/s."""
 _SLOW = 0.5
 """Share of the usual speed of a joint up to which ramps are looked for: longer ones are no reversals."""
+_SHARP = 0.025
+"""rad/s or m/s: ramps of drives, beside a model whose own ramp is known. A longer one would take stiction for its own."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
 _DISTANCES = np.geomspace(1e-4, 0.03, 5)
@@ -38,7 +40,8 @@ def reversal_columns(track: EffortTrack) -> Array:
     bent = [bristles(path, np.full(path.shape[1], distance)) for distance in _DISTANCES]
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
-        ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
+        longest = np.inf if track.errors_cancel else max(_SHARP, track.stated[joint].ramp)
+        ramps = _RAMPS[(_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS) & (longest >= _RAMPS)]
         if len(ramps) < 2:
             continue
         common = np.tanh(velocity / ramps[-1])

@@ -55,10 +55,12 @@ def with_joint_physics(recorded: RecordedMotion, components: Sequence[ModelEffec
     stated = []
     for name, physics in zip(effort.names, effort.stated or (JointPhysics(),) * len(effort.names), strict=True):
         added = {each: getattr(physics, each) for each in ("friction", "damping", "armature")}
+        ramps = [physics.ramp]
         for component in components:
             for stem, what in effect_of(component).of_joint.items():
                 added[what] += component.values.get(f"{stem}_{numbers[name]}", 0.0)
-        stated.append(replace(physics, **added))
+            ramps += [component.values.get(key, 0.0) for key in ("transition", f"ramp_{numbers[name]}")]
+        stated.append(replace(physics, **added, ramp=max(ramps)))
     return replace(recorded, effort=replace(effort, stated=tuple(stated)))
 
 
