@@ -213,6 +213,7 @@ _NUMBERS = {
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("multiplier", "offset"),
+    "dynamics": ("friction", "damping"),
 }
 
 

@@ -13,12 +13,15 @@ _COMMON = 0.15
 
 
 class MotorGain(Effect):
-    """tau_j = (1 + g_j) tau_rigid_j; friction is in units of the motor as it reads."""
+    """tau_j = (1 + g_j) (tau_rigid_j + tau_stated_j); friction that is found is in units of the motor as it reads.
+
+    tau_stated is the friction, rotor and spring that the nominal model of a simulator states.
+    """
 
     name = "motor_gain"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_j = gain_j tau_rigid_j"
+    equation = "dtau_j = gain_j (tau_rigid_j + tau_stated_j)"
     source = "Gautier and Briot 2014 (global identification of the drive gains of robots)"
     excited_by = "gravity in several postures, or a known payload; accelerations"
     separating_motion = "the same slow motion with and without a known payload: the difference is the payload's torque"
@@ -31,7 +34,8 @@ class MotorGain(Effect):
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return each_joint(efforts(recorded).rigid)
+        track = efforts(recorded)
+        return each_joint(track.rigid if track.passive is None else track.rigid + track.passive)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         gains = [values[f"gain_{i}"] for i in numbers(recorded)]

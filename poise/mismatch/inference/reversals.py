@@ -17,7 +17,7 @@ _RAMPS = np.array([0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4])
 _SLOW = 0.5
 """Share of the usual speed of a joint up to which ramps are looked for: longer ones are no reversals."""
 _SHARP = 0.025
-"""rad/s or m/s: ramps of drives, beside a model whose own ramp is known. A longer one would take stiction for its own."""
+"""rad/s or m/s: ramps of drives, beside a model whose own ramp is known. A longer one would imitate stiction."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
 _DISTANCES = np.geomspace(1e-4, 0.03, 5)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.mismatch.effects import at_ends, within
+from poise.mismatch.effects import at_ends, bristles, path_of_joints, within
 from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
 from poise.mismatch.reading.sanity import frozen_spans
@@ -22,6 +22,8 @@ from poise.types import Array
 
 _SLOW = (0.01, 0.1)
 """rad/s or m/s: widths of the friction that is fitted beside the model."""
+_BENT = (1e-4, 1e-3)
+"""rad or m along which bristles bend after a reversal: friction that reverses along a path resembles a delay."""
 _SAMPLES = 1000
 """Samples of the recording that are compared."""
 _AUDIBLE = 50.0
@@ -96,11 +98,14 @@ class _Comparison:
         return _Comparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
 
     def bases(self, model: Array) -> list[Array]:
-        """(n, 6) orthonormal columns of each joint, with the model's effort (M, J) among them."""
+        """(n, 8) orthonormal columns of each joint, with the model's effort (M, J) among them."""
         track, found = self.track, []
+        path = path_of_joints(track)
+        bent = [bristles(path, np.full(path.shape[1], distance))[self.rows] for distance in _BENT]
         for j in range(len(track.names)):
             columns = (
                 *offset_and_friction(track.velocity[self.rows, j]),
+                *(each[:, j] for each in bent),
                 track.acceleration[self.rows, j],
                 model[self.rows, j],
             )

@@ -37,6 +37,7 @@ from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
 from poise.robot import RobotModel, chains, robot_of, usable_odometry
+from poise.simulation.models import urdf_physics
 from poise.types import Array
 
 
@@ -146,10 +147,25 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
         check_joints(robot, recorded, model.phi + tool, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
     recorded = with_stated_physics(recorded, model)
+    notes = [*notes, *_not_predicted(recorded, model, text)]
     stated = contradicted(recorded, model) if wrench is not None else []
     findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *stated]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
+
+
+def _not_predicted(recorded: RecordedMotion, model: NominalModel, description: str) -> list[str]:
+    """What a robot description states of joints with efforts, where the model does not predict it."""
+    if recorded.effort is None or model.simulator is not None or model.effects:
+        return []
+    stated = urdf_physics(description)
+    joints = [name for name in recorded.effort.names if name in stated]
+    said = "; ".join(f"{name} {', '.join(f'{key} {v:g}' for key, v in stated[name].values.items())}" for name in joints)
+    sentence = (
+        f"the robot description states dynamics of joints ({said}), which the nominal model does not predict: "
+        "`simulator: robot.urdf` in model.yaml predicts them"
+    )
+    return [sentence] if joints else []
 
 
 def _checked(

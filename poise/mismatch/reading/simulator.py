@@ -93,7 +93,8 @@ def with_stated_physics(recorded: RecordedMotion, model: NominalModel) -> Record
     against = np.where(ramp > 0.0, soft, np.tanh(effort.velocity / COULOMB_TRANSITION))
     added = friction * against + damping * effort.velocity
     added += armature * effort.acceleration + stiffness * (effort.position - rest)
-    return replace(recorded, effort=replace(effort, prediction=effort.prediction + added, stated=stated))
+    effort = replace(effort, prediction=effort.prediction + added, stated=stated, passive=added)
+    return replace(recorded, effort=effort)
 
 
 def _without_inertial(text: str, link: str) -> str:

@@ -106,6 +106,7 @@ class EffortTrack:
         prismatic: names of the joints that slide: quantities are then in m and N instead of rad and N m.
         stated: (J) the friction, rotors and springs that the nominal model has, in `prediction` from the beginning; ():
             a rigid arm.
+        passive: (M, J) the efforts of `stated` in `prediction`; None: none.
         errors_cancel: `measured` is without what another recording of the same motion has beyond `prediction`: errors
             of the model have no part in the residual.
         stuck: (M, J) readings of joints that stand still in dry friction, which carries any load up to its size: they
@@ -128,6 +129,7 @@ class EffortTrack:
     by_rest: Array | None = None
     prismatic: tuple[str, ...] = ()
     stated: tuple[JointPhysics, ...] = ()
+    passive: Array | None = None
     errors_cancel: bool = False
     stuck: Mask | None = None
 

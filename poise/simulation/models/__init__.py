@@ -9,7 +9,7 @@
 
 from poise.simulation.models.description import JointDrive, JointPhysics, SensorNoise, SimulatorModel
 from poise.simulation.models.mjcf_loading import imported_mujoco, loaded_spec
-from poise.simulation.models.reading import model_kind, read_simulator_model
+from poise.simulation.models.reading import model_kind, read_simulator_model, urdf_physics
 
 __all__ = [
     "JointDrive",
@@ -20,4 +20,5 @@ __all__ = [
     "loaded_spec",
     "model_kind",
     "read_simulator_model",
+    "urdf_physics",
 ]

@@ -2,10 +2,11 @@
 
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 from poise.errors import ErrorCode, InputError
-from poise.robot import find_urdf, read_urdf
-from poise.simulation.models.description import ModelKind, SimulatorModel
+from poise.robot import find_urdf, parse_urdf, read_urdf
+from poise.simulation.models.description import JointPhysics, ModelKind, SimulatorModel
 from poise.simulation.models.mjcf import read_mjcf
 from poise.simulation.models.sdf import read_sdf
 
@@ -42,7 +43,24 @@ def read_simulator_model(path: Path) -> SimulatorModel:
     if kind == "sdf":
         return read_sdf(path)
     if kind == "urdf":
-        return SimulatorModel(path, "urdf", read_urdf(find_urdf(path)))
+        text = read_urdf(find_urdf(path))
+        return SimulatorModel(path, "urdf", text, joints=urdf_physics(text))
     raise InputError(
         ErrorCode.BAD_INPUT, f"{path}: no model; give MJCF (<mujoco>), SDF (<sdf>) or a URDF (<robot>) as XML"
     )
+
+
+def urdf_physics(text: str) -> dict[str, JointPhysics]:
+    """The friction and damping that `dynamics` state, of the joints that have any.
+
+    Raises:
+        InputError: ROBOT_DESCRIPTION_INVALID.
+    """
+    parse_urdf(text)  # checks the names and numbers that are read below
+    found: dict[str, JointPhysics] = {}
+    for joint in ElementTree.fromstring(text.strip()).iter("joint"):
+        stated = joint.find("dynamics")
+        if stated is not None:
+            physics = JointPhysics(*(float(stated.get(name, 0.0)) for name in ("friction", "damping")))
+            found |= {joint.get("name", ""): physics} if physics.values else {}
+    return found
