@@ -1,8 +1,10 @@
 """Settings of the whole suite: tests import the benchmarks, and CI has every independent engine."""
 
+import gc
 import importlib.util
 import os
 import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -20,3 +22,14 @@ def pytest_configure() -> None:
     missing = [name for name in ENGINES if importlib.util.find_spec(name) is None]
     if os.environ.get("CI") == "true" and missing:
         raise pytest.UsageError(f"CI has to run every test: pip install {' '.join(missing)} (extra [test])")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Keep the modules and tests from the collector of cycles: they stay, and each full search would visit them all."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()

@@ -33,3 +33,14 @@ cmake_language(DEFER CALL drop_missing_include_directories)
 find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
+
+# Most of the compilation is headers, which a file of many sources reads once. The sources of rosidl_generator_c cannot
+# be joined: they share names.
+function(join_sources)
+  foreach(part rosidl_typesupport_fastrtps_c rosidl_generator_py)
+    if(TARGET ${PROJECT_NAME}__${part})
+      set_target_properties(${PROJECT_NAME}__${part} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 16)
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL join_sources)

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from cases import make_case
 
+import poise
 from benchmarks.real.score import SEALED
 from poise.inertia import identify
 from poise.mismatch.answer import Diagnosis, NamedEffect, diagnose
@@ -24,8 +25,7 @@ STATIC = {"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}}
 
 
 def diagnosed(name: str) -> Diagnosis:
-    reading = read_recording(open_recording(BAGS / name), parse_model(STATIC))
-    return diagnose(reading.recorded, reading.model)
+    return poise.diagnose(BAGS / name, parse_model(STATIC))
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +36,13 @@ def free() -> Diagnosis:
 @pytest.fixture(scope="module")
 def shaken() -> Diagnosis:
     return diagnosed("kuka_vibration.mcap")
+
+
+def test_an_answer_of_the_short_interface_prints_as_one_line(free: Diagnosis) -> None:
+    text = repr(free)
+    assert text.startswith(f"Diagnosis({free.verdict}")
+    assert "\n" not in text
+    assert len(text) < 300
 
 
 def found(answer: Diagnosis, name: str) -> NamedEffect:

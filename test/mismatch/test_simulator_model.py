@@ -1,6 +1,5 @@
 """A simulator's model as the nominal one: what its file has is predicted, and what is found goes back into it."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.mismatch import diagnose, load_model, read_recording
 from poise.mismatch.application import joint_values, unsure_values
@@ -103,27 +101,3 @@ def test_model_yaml_names_the_file_and_comes_back(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no link hold; it has held") as caught:
         read_recording(open_recording(tmp_path / "run.mcap"), replace(model, payload_link="hold"))
     assert caught.value.code is ErrorCode.FRAME_UNKNOWN
-
-
-def test_the_example_comes_closer_and_the_file_says_what_it_lacks(tmp_path: Path) -> None:
-    """Friction, payload, drives: MuJoCo reads them from the exported file."""
-    bag, found = ARM.parent / "robot.mcap", tmp_path / "found.xml"
-    words = ["mismatch", str(bag), "--model", str(ARM), "--payload-link", "held", "--json", str(tmp_path / "a.json")]
-    assert (
-        run([*words, "--export", f"mjcf:{found}", "--export", f"json:{tmp_path / 'v.json'}", "--into", str(ARM)]) == 0
-    )
-    answer, values = (json.loads((tmp_path / name).read_text()) for name in ("a.json", "v.json"))
-    model = mujoco.MjModel.from_xml_path(str(found))
-    assert model.dof_frictionloss.tolist() == pytest.approx([1.4, 1.8, 0.9], rel=0.1)
-    assert model.body("held").mass[0] == pytest.approx(1.3, rel=0.03)
-    assert model.actuator_gainprm[:, 0].tolist() == pytest.approx([220.0] * 3, rel=0.02)
-    assert model.actuator_delay.tolist() == pytest.approx([0.012] * 3, abs=0.002)
-    assert values["isaac_lab"]["stiffness"]["turn"] == pytest.approx(220.0, rel=0.02)
-    assert values["usd"]["turn"]["drive:angular:physics:stiffness"] == pytest.approx(220.0 * np.pi / 180, rel=0.02)
-    assert values["ros2_control"]["gains"]["turn"]["d"] == pytest.approx(12.0, rel=0.05)
-    assert values["sensor"]["noise"]["force"] == pytest.approx(0.05, rel=0.2)
-    assert [each["kept"] for each in answer["drives"]] == [True] * 3
-    lacking = answer["exports"][0]["not_written"]
-    assert any("asymmetry" in each for each in lacking)
-    assert all(f"not written: {each}" in found.read_text() for each in lacking)
-    assert found.read_text().startswith(ARM.read_text().splitlines()[0])
