@@ -289,7 +289,8 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint, vox
     """Points that views agree on, each where they see it on average."""
     agree, through, toward = agreement(views, surface.points)
     solid, judges, fewest = is_solid(agree, through), min(_JUDGES, len(views)), fewest_views(len(views))
-    kept = (agree >= fewest) & solid
+    alone = (agree >= min(_JUDGES, fewest)) & (through == 0)  # flanks of what is round, in a dozen views
+    kept = (agree >= fewest) & solid | alone
     judged = agree + through >= judges  # by others than the view that it is from
     alike = solid & (agree >= min(judges, fewest))  # two views that see a place alike do not disagree about it
     agreed = float(surface.weights[alike & judged].sum() / max(surface.weights[judged].sum(), 1e-9))

@@ -5,8 +5,8 @@ from poise.scanning.completion import Completed
 
 _UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 """Shares of the footprint, and m2, of which nothing is known."""
-_DOUBTFUL = 0.12
-"""Share of the volume that completed surface may be off by, one sigma, above which the cause is said."""
+_DOUBTFUL = 0.1
+"""Share of the volume that completed surface may be off by, two sigmas, above which the cause is said."""
 _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 """Shares of the surface, without its underside, that no view saw."""
 
@@ -39,8 +39,8 @@ def judge(hidden: Completed) -> list[str]:
     notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
     if hidden.hidden_sides > _SIDES_NOTE:
         notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
-    if hidden.doubtful > _DOUBTFUL * hidden.volume:
-        share = hidden.doubtful / hidden.volume
+    share = 2 * hidden.doubtful / hidden.volume
+    if share > _DOUBTFUL:
         notes.append(
             f"about {share:.0%} of the volume may be air under the object, or a hollow that no view looks into, and"
             " counts as object: turn it over, or stand it up, and scan again"

@@ -74,7 +74,7 @@ def test_one_command_takes_the_sweep_to_its_parts(tmp_path):
 def test_a_hole_in_the_sampling_of_the_handle_is_no_opening(frames):
     """Through a gap between the 2,500 points that are kept, the ball would hollow the handle out to half the volume."""
     found = scan_sweep(read_sweep(open_recording(BAG), SweepOptions(frames=frames)), ScanOptions()).segmented()
-    assert found.solid.volume == pytest.approx(TRUE_VOLUME, abs=found.solid.volume_std)
+    assert found.solid.volume == pytest.approx(TRUE_VOLUME, abs=2 * found.solid.volume_std)
     assert found.solid.volume == pytest.approx(TRUE_VOLUME, rel=0.15 if frames >= 20 else 0.25)  # few see its underside
 
 
