@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, InputError
+from poise.inertia import InertialParameters
 from poise.mismatch import diagnose, load_model, read_recording
 from poise.mismatch.application import joint_values, unsure_values
 from poise.mismatch.reading import dump_model, parse_model
+from poise.mismatch.reading.simulator import _lightness_with_load
 from poise.recording import JointStream, open_recording, write_recording
 
 ARM = Path(__file__).resolve().parents[2] / "examples" / "simulator" / "arm.xml"
@@ -46,6 +48,22 @@ def efforts(
     rng = np.random.default_rng(3)
     noise = 0.02 * rng.normal(size=out.shape)
     return JointStream(10**18 + np.round(times * 1e9).astype(np.int64), JOINTS, q, v, out + noise)
+
+
+def test_a_load_makes_soft_friction_steeper_as_in_mujoco() -> None:
+    """Its ramp is proportional to the lightness of the joint: a load of model.yaml counts, which the file lacks."""
+    spec, mass, com = mujoco.MjSpec.from_file(str(ARM)), 1.5, [0.02, -0.01, 0.1]
+    empty = spec.compile().dof_invweight0
+    body, sizes = spec.body("held").add_body(), [0.004, 0.005, 0.003]
+    body.mass, body.ipos, body.inertia, body.explicitinertial = mass, com, sizes, True
+    laden = spec.compile().dof_invweight0
+    load = InertialParameters(mass, np.array(com), np.diag(sizes))
+    plain = load_model(ARM)
+    assert plain.simulator is not None
+    found = _lightness_with_load(plain.simulator, replace(plain, sensor_frame="ft_sensor", phi=load.phi))
+    assert [found[name] for name in JOINTS] == pytest.approx(laden / empty, rel=1e-6)
+    assert (laden < 0.8 * empty).any()
+    assert _lightness_with_load(plain.simulator, replace(plain, sensor_frame="ft_sensor")) == {}
 
 
 def test_what_the_file_has_is_predicted_and_friction_may_be_less(tmp_path: Path) -> None:

@@ -104,16 +104,20 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     Their mean square and their median have to grow: corners of a motion raise a few of them only.
     """
     noise, block = problem.noise, problem.noise.block
-    variance = np.broadcast_to(noise.sigma**2 / block, residual.shape)
-    variance = variance if noise.motion is None else variance + noise.motion
-    level, speed = (block_means(each, block)[2:-1] for each in (variance, noise.speed))
-    fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0)) / np.sqrt(20.0 * level)
+    still = np.broadcast_to(noise.sigma**2 / block, residual.shape)
+    moving = still if noise.motion is None else still + noise.motion
+    level_still, level, speed = (block_means(each, block)[2:-1] for each in (still, moving, noise.speed))
+    fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0))
     # Limited readings have no noise.
     free = sliding_window_view(block_means(problem.free, block), 4, axis=0).min(axis=-1) == 1.0
     slow, quick = np.quantile(speed, [0.3, 0.7])
     if quick - slow < 0.1:
         return False
-    halves = [np.clip(fast[at][free[at]], 0.0, 8.0) for at in (speed <= slow, speed >= quick)]
+    # Encoders that count steps err less while the steps are rare.
+    halves = [
+        np.clip((fast[at] / np.sqrt(20.0 * of[at]))[free[at]], 0.0, 8.0)
+        for at, of in ((speed <= slow, level_still), (speed >= quick, level))
+    ]
     if min(map(len, halves)) == 0:
         return False
     sizes = ([float(measure(half)) for half in halves] for measure in (_root_mean_square, np.median))

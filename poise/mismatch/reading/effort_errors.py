@@ -20,7 +20,7 @@ from poise.mismatch.recorded import (
 )
 from poise.types import Array
 
-_SLOW = (0.01, 0.1)
+_SLOW = (0.001, 0.01, 0.1)
 """rad/s or m/s: widths of the friction that is fitted beside the model."""
 _BENT = (1e-4, 1e-3)
 """rad or m along which bristles bend after a reversal: friction that reverses along a path resembles a delay."""
@@ -98,7 +98,7 @@ class _Comparison:
         return _Comparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
 
     def bases(self, model: Array) -> list[Array]:
-        """(n, 8) orthonormal columns of each joint, with the model's effort (M, J) among them."""
+        """(n, 9) orthonormal columns of each joint, with the model's effort (M, J) among them."""
         track, found = self.track, []
         path = path_of_joints(track)
         bent = [bristles(path, np.full(path.shape[1], distance))[self.rows] for distance in _BENT]

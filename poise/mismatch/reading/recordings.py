@@ -146,7 +146,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     if wrench is not None and model.phi is not None:
         check_joints(robot, recorded, model.phi + tool, streams.name)
     recorded, findings = _checked(recorded, robot, joints, streams)
-    recorded = with_stated_physics(recorded, model)
+    recorded = with_stated_physics(recorded, known)
     notes = [*notes, *_not_predicted(recorded, model, text)]
     stated = contradicted(recorded, model) if wrench is not None else []
     findings = [*wrong, *_held(model, robot, text, streams), *frozen, *findings, *stated]
