@@ -10,14 +10,14 @@ import numpy as np
 
 from poise.mismatch.effects import bristles, path_of_joints, soft_ramp
 from poise.mismatch.recorded import EffortTrack
-from poise.types import Array
+from poise.types import Array, Mask
 
 _RAMPS = np.array([0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4])
 """rad/s or m/s."""
 _SLOW = 0.5
 """Share of the usual speed of a joint up to which ramps are looked for: longer ones are no reversals."""
 _SHARP = 0.025
-"""rad/s or m/s: ramps of drives, beside a model whose own ramp is known. A longer one would imitate stiction."""
+"""rad/s or m/s: longest ramp of a model that states none. A drive sharper than a soft model imitates stiction."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
 _DISTANCES = np.geomspace(1e-4, 0.03, 5)
@@ -40,26 +40,29 @@ def reversal_columns(track: EffortTrack) -> Array:
     bent = [bristles(path, np.full(path.shape[1], distance)) for distance in _DISTANCES]
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
-        longest = np.inf if track.errors_cancel else max(_SHARP, track.stated[joint].ramp)
-        ramps = _RAMPS[(_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS) & (longest >= _RAMPS)]
+        ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
         if len(ramps) < 2:
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
         soft = [soft_ramp(velocity, acceleration, lead, ramp) for lead in _LEADS for ramp in ramps]
         laws = np.column_stack([*soft, *(each[:, joint] for each in bent)])
-        found[:, joint] = _likeliest(laws, beside, residual[:, joint])
+        longest = np.inf if track.errors_cancel else max(_SHARP, track.stated[joint].ramp)
+        modelled = np.append(np.tile(ramps <= longest, len(_LEADS)), [True] * len(bent))
+        found[:, joint] = _likeliest(laws, beside, residual[:, joint], modelled)
     return found
 
 
-def _likeliest(laws: Array, beside: Array, residual: Array) -> Array:
-    """(M,) the difference of two laws (M, L) by which the friction of one joint reverses."""
+def _likeliest(laws: Array, beside: Array, residual: Array, modelled: Mask) -> Array:
+    """(M,) the difference of two laws (M, L) by which the friction of one joint reverses: that of the drive and one of
+    the model, which may have those of a mask (L,).
+    """
     smooth = np.linalg.qr(beside)[0]
     left, own = residual - smooth @ (smooth.T @ residual), laws - smooth @ (smooth.T @ laws)
     across, products = own.T @ left, own.T @ own
     squares = np.diag(products)
     size = squares[:, None] + squares - 2.0 * products
     likely = across[:, None] - across
-    won = likely**2 / np.maximum(size, 1e-6 * len(residual))
+    won = np.maximum(likely, 0.0) ** 2 / np.maximum(size, 1e-6 * len(residual)) * modelled
     i, j = np.unravel_index(int(np.argmax(won)), won.shape)
     return np.asarray(2.0 * likely[i, j] / max(float(size[i, j]), 1e-9) * (laws[:, i] - laws[:, j]))

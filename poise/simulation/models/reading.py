@@ -56,6 +56,8 @@ def urdf_physics(text: str) -> dict[str, JointPhysics]:
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID.
     """
+    if "<dynamics" not in text:
+        return {}
     parse_urdf(text)  # checks the names and numbers that are read below
     found: dict[str, JointPhysics] = {}
     for joint in ElementTree.fromstring(text.strip()).iter("joint"):
