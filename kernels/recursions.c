@@ -370,7 +370,7 @@ static double turned(double v, double push, double rate, double span) {
 
 /* How long, up to `most`, one law holds for a part in the stop at `side` times `half`: until the contact ends, or begins
    again, or dry friction has stopped the part (`sense` is 0 without friction). `at` becomes the part then. */
-static double stopped(part *at, double push, double rate, double most, double side, double half, double settling,
+static double touched(part *at, double push, double rate, double most, double side, double half, double settling,
                       double sense) {
   const part begin = *at;
   const int touches = pushed(begin, side, half, settling) > 0.0;
@@ -420,7 +420,7 @@ static part advanced(part at, load now, load end, double span, double half, doub
         at = flown(at, push, growth, t), at.x = stop * half;
       }
     } else {
-      t = stopped(&at, push, growth, left < step ? left : step, side, half, settling, sense);
+      t = touched(&at, push, growth, left < step ? left : step, side, half, settling, sense);
       if (rubs && at.v == 0.0) t = fmax(t, span / MOST_TURNS);
     }
   }

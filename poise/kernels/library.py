@@ -39,7 +39,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
         None,
         [_INT, _INT, *[_POINTER] * 5, ctypes.c_double, _INT, _POINTER],
     ),
-    "poise_between_stops": (None, [_INT, _POINTER, _POINTER, _POINTER, *[ctypes.c_double] * 3, _POINTER]),
+    "poise_between_stops": (None, [_INT, *[_POINTER] * 3, *[ctypes.c_double] * 3, _POINTER]),
     "poise_turned_load": (None, [_INT, *[_POINTER] * 4]),
     "poise_turned_in_grip": (
         None,

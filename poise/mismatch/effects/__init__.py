@@ -2,7 +2,7 @@
 
 - `base`: `Effect`, `EffectParameter`: the base classes of an effect.
 - `drift`, `joint_friction`, `knocks`, `load_changes`, `part_motion`, `part_wrench`, `recorded_channels`, `starts`,
-  `accelerometer_input`: shared by several effects.
+  `stops`, `accelerometer_input`: shared by several effects.
 - every other file: one effect.
 """
 
@@ -15,13 +15,12 @@ from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.external_vibration import ExternalVibration
 from poise.mismatch.effects.joint_friction import (
     COULOMB_TRANSITION,
-    bristles,
+    bristles_along,
     in_model,
     joint_unit,
     laws_of_dry_friction,
     like_a_turned_base,
     numbered_joints,
-    path_of_joints,
     soft_ramp,
 )
 from poise.mismatch.effects.joint_offset import joint_columns
@@ -47,7 +46,7 @@ __all__ = [
     "Values",
     "all_effects",
     "at_ends",
-    "bristles",
+    "bristles_along",
     "effect_named",
     "exceeded",
     "in_model",
@@ -57,7 +56,6 @@ __all__ = [
     "like_a_turned_base",
     "limited_readings",
     "numbered_joints",
-    "path_of_joints",
     "rotation_columns",
     "slow_part",
     "soft_ramp",

@@ -86,6 +86,12 @@ def bristles(path: Array, distances: Array) -> Array:
     return np.hstack([accumulated(*pair) for pair in zip(kept.T, np.hsplit(added, path.shape[1]), strict=True)])
 
 
+def bristles_along(track: EffortTrack, distances: Iterable[float]) -> list[Array]:
+    """(M, J) each: how bristles bend along the path of the joints, for each distance that all of them may have."""
+    path = path_of_joints(track)
+    return [bristles(path, np.full(path.shape[1], distance)) for distance in distances]
+
+
 def path_of_joints(track: EffortTrack) -> Array:
     """(M - 1, J) rad or m that each joint moves between samples, 0 where it stands still."""
     usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)

@@ -103,6 +103,8 @@ class LoosePart(Effect):
         heard = bool(readings) and len(readings[0].moments) >= _FEWEST
         if heard:
             found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
+        if not found:
+            return
 
         # The gap that the knocks say is wrong where some were not heard, and few samples show how a stop settles. A
         # part that rubs knocks as late as one with another gap, so that each friction leads to a valley of its own.
@@ -117,12 +119,15 @@ class LoosePart(Effect):
                 ),
                 key=view.drop,
             )
-            for friction in (_FRICTIONS if found else ())
+            for friction in _FRICTIONS
         ]
-        views = [_View.of(recorded, bent, weight, *stage[:2]) for stage in _STAGES]
-        roughly = [self._sharpened(one, views[:1], _STAGES[:1]) for one in tried if view.drop(one) > least]
+        stages = [
+            (_View.of(recorded, bent, weight, seconds, blur), generations, share)
+            for seconds, blur, generations, share in _STAGES
+        ]
+        roughly = [self._sharpened(one, stages[:1]) for one in tried if view.drop(one) > least]
         for start in sorted(roughly, key=view.drop, reverse=True)[:_TRIED]:
-            yield self._sharpened(start, views[1:], _STAGES[1:])
+            yield self._sharpened(start, stages[1:])
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         return _part_wrench(recorded, nonlinear)[:, :, None]
@@ -200,18 +205,16 @@ class LoosePart(Effect):
             return []
         return [_values(_GAPS[0], _SETTLING, axis, centre)]
 
-    def _sharpened(
-        self, start: dict[str, float], views: Sequence["_View"], stages: Sequence[tuple[float, int, int, float]]
-    ) -> dict[str, float]:
-        """Differential evolution about a start, from coarse to fine blur.
+    def _sharpened(self, start: dict[str, float], stages: Sequence[tuple["_View", int, float]]) -> dict[str, float]:
+        """Differential evolution about a start, from coarse to fine blur; see `_STAGES`.
 
         A knock that is a sample too late explains nothing, so that the square has a valley for each knock.
         """
-        moving = [p for p in self.parameters(views[0].recorded) if not p.linear]
+        moving = [p for p in self.parameters(stages[0][0].recorded) if not p.linear]
         width = np.array([_WIDTHS.get(p.name, _WIDTHS["x"]) for p in moving])
 
         places = np.array([p.to_unit(start[p.name]) for p in moving])
-        for view, (_, _, generations, share) in zip(views, stages, strict=True):
+        for view, generations, share in stages:
             places = np.clip(places, _EDGE, 1.0 - _EDGE)
             around = np.clip([places - share * width, places + share * width], 1e-3, 1.0 - 1e-3).T
             places = scipy.optimize.differential_evolution(

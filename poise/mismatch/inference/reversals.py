@@ -8,7 +8,7 @@ vanishes at speed, unlike friction.
 
 import numpy as np
 
-from poise.mismatch.effects import bristles, path_of_joints, soft_ramp
+from poise.mismatch.effects import bristles_along, soft_ramp
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array, Mask
 
@@ -36,8 +36,7 @@ def reversal_columns(track: EffortTrack) -> Array:
     """
     residual = track.measured - track.prediction
     turned = np.hstack([np.sin(track.position), np.cos(track.position), np.ones((len(residual), 1))])
-    path, found = path_of_joints(track), np.zeros_like(residual)
-    bent = [bristles(path, np.full(path.shape[1], distance)) for distance in _DISTANCES]
+    found, bent = np.zeros_like(residual), bristles_along(track, _DISTANCES.tolist())
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
         ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.mismatch.effects import at_ends, bristles, path_of_joints, within
+from poise.mismatch.effects import at_ends, bristles_along, within
 from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
 from poise.mismatch.reading.sanity import frozen_spans
@@ -99,24 +99,25 @@ class _Comparison:
 
     def bases(self, model: Array) -> list[Array]:
         """(n, 9) orthonormal columns of each joint, with the model's effort (M, J) among them."""
-        track, found = self.track, []
-        path = path_of_joints(track)
-        bent = [bristles(path, np.full(path.shape[1], distance))[self.rows] for distance in _BENT]
-        for j in range(len(track.names)):
-            columns = (
-                *offset_and_friction(track.velocity[self.rows, j]),
-                *(each[:, j] for each in bent),
-                track.acceleration[self.rows, j],
-                model[self.rows, j],
-            )
-            found.append(np.linalg.qr(np.stack(columns, axis=1))[0])
-        return found
+        columns = zip(self.beside, model[self.rows].T, strict=True)
+        return [np.linalg.qr(np.column_stack(pair))[0] for pair in columns]
 
     def left(self, measured: Array, bases: list[Array]) -> Array:
         """(J,) share of the variance of efforts (n, J) that the models leave above the noise; less of faint ones."""
         residual = np.stack([y - base @ (base.T @ y) for y, base in zip(measured.T, bases, strict=True)], axis=1)
         audible = np.maximum(np.mean(residual**2, axis=0) - self.noise, 0.0)
         return np.asarray(audible / (np.var(measured, axis=0) + self.faint))
+
+    @cached_property
+    def beside(self) -> list[Array]:
+        """(n, 8) of each joint: offset, friction and rotor."""
+        track, rows = self.track, self.rows
+        bent = [each[rows] for each in bristles_along(track, _BENT)]
+        found = []
+        for j in range(len(track.names)):
+            friction = *offset_and_friction(track.velocity[rows, j]), *(each[:, j] for each in bent)
+            found.append(np.stack([*friction, track.acceleration[rows, j]], axis=1))
+        return found
 
     @cached_property
     def measured(self) -> Array:

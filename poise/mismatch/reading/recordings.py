@@ -160,12 +160,13 @@ def _not_predicted(recorded: RecordedMotion, model: NominalModel, description: s
         return []
     stated = urdf_physics(description)
     joints = [name for name in recorded.effort.names if name in stated]
+    if not joints:
+        return []
     said = "; ".join(f"{name} {', '.join(f'{key} {v:g}' for key, v in stated[name].values.items())}" for name in joints)
-    sentence = (
+    return [
         f"the robot description states dynamics of joints ({said}), which the nominal model does not predict: "
         "`simulator: robot.urdf` in model.yaml predicts them"
-    )
-    return [sentence] if joints else []
+    ]
 
 
 def _checked(

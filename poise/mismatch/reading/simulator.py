@@ -13,7 +13,7 @@ from poise.mismatch.effects import COULOMB_TRANSITION, soft_ramp
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel, find_urdf, inertia_of, parse_urdf, phi_in_link, phi_of, read_urdf
-from poise.simulation.models import JointPhysics, SimulatorModel
+from poise.simulation.models import JointPhysics
 from poise.types import Array
 
 
@@ -84,7 +84,7 @@ def with_stated_physics(recorded: RecordedMotion, model: NominalModel) -> Record
     effort = recorded.effort
     if model.simulator is None or effort is None:
         return recorded
-    lighter = _lightness_with_load(model.simulator, model)
+    lighter = _lightness_with_load(model)
     of_joints = ((name, model.simulator.joints.get(name, JointPhysics())) for name in effort.names)
     stated = tuple(replace(each, ramp=each.ramp * lighter.get(name, 1.0)) for name, each in of_joints)
     friction, damping, armature, stiffness, rest, ramp, lead = (
@@ -115,13 +115,17 @@ def _require_link(links: tuple[str, ...], link: str) -> None:
         raise InputError(ErrorCode.FRAME_UNKNOWN, f"the model has no link {link}; it has {', '.join(near)}")
 
 
-def _lightness_with_load(simulator: SimulatorModel, model: NominalModel) -> dict[str, float]:
+def _lightness_with_load(model: NominalModel) -> dict[str, float]:
     """Of each joint, how much lighter it is with the payload: the ramp of soft friction is proportional to that.
 
     MuJoCo takes the inverse of the inertia at its initial position (`dof_invweight0`), when all joints are at zero.
     """
-    tree, frame = pin.buildModelFromXML(simulator.urdf), model.sensor_frame
-    if model.phi is None or model.payload_link is not None or frame is None or not tree.existFrame(frame):
+    simulator, frame = model.simulator, model.sensor_frame
+    soft = simulator is not None and any(each.ramp > 0.0 for each in simulator.joints.values())
+    if simulator is None or not soft or model.phi is None or model.payload_link is not None or frame is None:
+        return {}
+    tree = pin.buildModelFromXML(simulator.urdf)
+    if not tree.existFrame(frame):
         return {}
     columns = {name: tree.joints[tree.getJointId(name)].idx_v for name in simulator.joints if tree.existJointName(name)}
     for name, column in columns.items():

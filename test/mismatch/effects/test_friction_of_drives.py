@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from effect_worlds import effort_world, filled
 
-from poise.mismatch.effects import bristles, effect_named, path_of_joints
+from poise.mismatch.effects import bristles_along, effect_named
 from poise.mismatch.reading.effort_errors import driver_error
 
 
 def sharp_friction(distance: float) -> np.ndarray:
     """(M, 6) N m: dry friction that reverses along a path of this length, rad."""
-    track = effort_world().effort
-    return np.repeat([8.0, 2.0], 3) * bristles(path_of_joints(track), np.full(6, distance))
+    (bent,) = bristles_along(effort_world().effort, [distance])
+    return np.repeat([8.0, 2.0], 3) * bent
 
 
 @pytest.mark.parametrize("distance", [3e-4, 2e-3])
