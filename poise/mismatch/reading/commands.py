@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.joint_motion import seconds_since
@@ -19,7 +20,9 @@ _MOVES = 0.02
 _LATEST = 0.5
 """s, longest delay that is looked for."""
 _STEP = 0.002
-"""s between the delays that are tried; between them a parabola is laid."""
+"""s between the delays that are tried last; between them a parabola is laid."""
+_COARSE = 4
+"""Steps between the delays that are tried first: 8 ms, within which no command of a robot turns back."""
 _BEYOND = 2 * 10**9
 """ns before and after the joint states within which commands are kept."""
 _CLOCKS = 5e-3
@@ -108,14 +111,21 @@ def _lag(sent_at: Array, sent: Array, at: Array, moved: Array) -> tuple[float, f
         gain = float(own @ other) / max(float(own @ own), 1e-300)
         return float(np.mean((other - gain * own) ** 2)), gain
 
-    tried = np.arange(0.0, _LATEST + _STEP / 2, _STEP)
-    square = np.array([fitted(late)[0] for late in tried.tolist()])
-    if fitted(-_STEP)[0] < square.min():
-        tried = -tried
-        square = np.array([fitted(late)[0] for late in tried.tolist()])
-    best = int(np.argmin(square))
-    delay = float(tried[best])
-    if 0 < best < len(tried) - 1:
+    def best_of(steps: NDArray[np.int64]) -> tuple[int, Array]:
+        square = np.array([fitted(late)[0] for late in (_STEP * steps).tolist()])
+        return int(np.argmin(square)), square
+
+    last = round(_LATEST / _STEP)
+    coarse = np.arange(0, last + 1, _COARSE)
+    best, square = best_of(coarse)
+    if fitted(-_STEP)[0] < min(square.min(), fitted(_STEP)[0]):
+        coarse = -coarse
+        best, square = best_of(coarse)
+    least, most = sorted((0, int(np.sign(coarse[-1])) * last))
+    fine = np.arange(max(coarse[best] - _COARSE, least), min(coarse[best] + _COARSE, most) + 1)
+    best, square = best_of(fine)
+    delay = _STEP * float(fine[best])
+    if 0 < best < len(fine) - 1:
         before, here, after = square[best - 1 : best + 2]
-        delay += 0.5 * float(tried[1] - tried[0]) * float((before - after) / max(before - 2 * here + after, 1e-300))
+        delay += 0.5 * _STEP * float((before - after) / max(before - 2 * here + after, 1e-300))
     return delay, fitted(delay)[1], float(np.sqrt(square[best]))
