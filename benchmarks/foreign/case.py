@@ -18,7 +18,7 @@ from benchmarks.foreign.plan import LIBRARY, Plan
 from benchmarks.foreign.profiles import BY_NAME, Profile
 from benchmarks.foreign.recorder import DRIVER_DELAY, Recorder
 from benchmarks.foreign.robots import ROBOTS
-from benchmarks.foreign.strength import Rig, tuned
+from benchmarks.foreign.strength import Rig, Sized, tuned
 from benchmarks.foreign.world import Scene, Track
 
 EVERY: tuple[type[Fault], ...] = (*LIBRARY, *ADDED, *OUTSIDE)
@@ -58,8 +58,10 @@ def case_of(
     """Simulate and record a rig with the effects of a plan."""
     track = rig.run(())
     chosen = choose(rig, plan, track, for_fault)
-    faults = [fault for fault, _ in chosen]
-    if any(fault.simulated for fault in faults):  # the search may have ended on another size than its last
+    faults = [each.fault for each in chosen]
+    if len(chosen) == 1:
+        track = chosen[0].track
+    elif any(fault.simulated for fault in faults):
         track = rig.run(faults)
     streams = Recorder(rig.profile, rig.true, rig.honest, faults, for_recorder).record(track)
     label = {
@@ -70,14 +72,14 @@ def case_of(
         "strength": plan.strength,
         "effects": [
             {
-                "name": fault.name,
-                "accept": list(fault.accept),
-                "library": fault.library,
-                "size": fault.size,
-                "share": share,
-                "parameters": fault.parameters(),
+                "name": each.fault.name,
+                "accept": list(each.fault.accept),
+                "library": each.fault.library,
+                "size": each.fault.size,
+                "share": each.share,
+                "parameters": each.fault.parameters(),
             }
-            for fault, share in chosen
+            for each in chosen
         ],
     }
     return Case(streams, model_of(rig), label)
@@ -100,19 +102,19 @@ def draw_rig(
     return Rig(profile, declared, true, honest), motion
 
 
-def choose(rig: Rig, plan: Plan, track: Track, rng: np.random.Generator) -> list[tuple[Fault, float]]:
-    """The first candidates that reach the planned strength, each alone, and their shares.
+def choose(rig: Rig, plan: Plan, track: Track, rng: np.random.Generator) -> list[Sized]:
+    """The first candidates that reach the planned strength, each alone.
 
     Raises:
         RuntimeError: no candidate does.
     """
     wanted = {"healthy": 0, "pair": 2}.get(plan.kind, 1)
     usual = (track, rig.signals(track, ()))
-    chosen: list[tuple[Fault, float]] = []
+    chosen: list[Sized] = []
     for name in plan.candidates:
         if len(chosen) == wanted:
             break
-        if any(fault.freed for fault, _ in chosen) and FAULTS[name].__dict__.get("freed"):
+        if any(each.fault.freed for each in chosen) and FAULTS[name].__dict__.get("freed"):
             continue  # the load has one part to set free
         found = tuned(rig, FAULTS[name].draw(rig.true, track, rng), plan.strength, usual)
         if found is not None:

@@ -132,5 +132,5 @@ def moving_joint(scene: Scene, track: Track, rng: np.random.Generator) -> int:
 
 def dof_setter(world: World, joints: tuple[int, ...], rule: Callable[[Array, Array], Array]) -> None:
     """Set the dry friction of joints from their speeds and their rigid-body efforts."""
-    dofs = np.array([world.dof(joint) for joint in joints])
+    dofs = world.dofs[list(joints)]
     world.model.dof_frictionloss[dofs] = np.maximum(rule(world.data.qvel[dofs], world.data.qfrc_bias[dofs]), 1e-9)

@@ -68,6 +68,15 @@ class Rig:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """An effect at the size that a strength asks for, the share that it has, and the run that shows it."""
+
+    fault: Fault
+    share: float
+    track: Track
+
+
 def by_wrench(profile: Profile, fault: Fault) -> bool:
     """The strength of an effect is measured in the wrench; otherwise in the joint efforts."""
     return profile.wrench and fault.needs != "effort"
@@ -89,8 +98,8 @@ def share(rig: Rig, fault: Fault, healthy: Signals, changed: Signals) -> float:
     return float(np.max(np.sqrt(np.mean(change**2, axis=0)) / np.hypot(noise, honest)))
 
 
-def tuned(rig: Rig, fault: Fault, strength: float, usual: tuple[Track, Signals]) -> tuple[Fault, float] | None:
-    """The effect at the size that a strength asks for, and the share that it has; None where it cannot show.
+def tuned(rig: Rig, fault: Fault, strength: float, usual: tuple[Track, Signals]) -> Sized | None:
+    """The effect at the size that a strength asks for; None where it cannot show.
 
     Args:
         rig, fault: case and effect. strength: 0.3 or 1.
@@ -100,7 +109,7 @@ def tuned(rig: Rig, fault: Fault, strength: float, usual: tuple[Track, Signals])
     target, limit = MULTIPLE * strength, fault.limit(rig.true)
     least = OVER_TOLERANCE * strength * fault.outside_tolerance
     size = float(np.clip(fault.usual * strength, least, limit))
-    best: tuple[float, Fault, float] | None = None
+    best: tuple[float, Sized] | None = None
     for _ in range(7):
         trial = fault.at(size)
         try:
@@ -110,11 +119,11 @@ def tuned(rig: Rig, fault: Fault, strength: float, usual: tuple[Track, Signals])
         found = share(rig, trial, healthy, rig.signals(run, [trial]))
         off = abs(np.log(max(found, 1e-6) / target))
         if best is None or off < best[0]:
-            best = (off, trial, found)
+            best = (off, Sized(trial, found, run))
         following = float(np.clip(size * np.clip(target / max(found, 1e-6), 0.2, 5.0), least, limit))
         if off < CLOSE or abs(following - size) < 1e-3 * size:
             break
         size = following
-    if best is None or best[2] < LEAST * target:
+    if best is None or best[1].share < LEAST * target:
         return None
-    return best[1], best[2]
+    return best[1]

@@ -104,6 +104,8 @@ class World:
         self.driven = np.array([self.model.joint(name).dofadr[0] for name in names])
         self.address = np.array([self.model.joint(name).qposadr[0] for name in names])
         self.recorded = slice(3 if scene.base is not None else 0, None)
+        self.dofs = self.driven[self.recorded]
+        """(J,) addresses of the degrees of freedom of the recording's joints."""
         self.body = self.model.body("load").id
         self.frame = self.model.body(scene.robot.frame).id
         self.active = False
@@ -119,36 +121,38 @@ class World:
             fault.settle(self)
         mujoco.mj_forward(model, data)
         early = round(SETTLING / STEP)
-        rows = np.empty((scene.steps, 3 * len(self.driven) + 19))
-        mass, block = np.empty((model.nv, model.nv)), np.ix_(self.driven, self.driven)
+        count = len(self.driven)
+        rows = np.empty((scene.steps, 3 * count + 19))
+        stiffness, damping, zero = scene.stiffness**2, 1.6 * scene.stiffness, np.zeros(count)
+        wanted, needed = np.zeros(model.nv), np.empty(model.nv)
+        places, dofs = _consecutive(self.address), _consecutive(self.driven)
         # Views: each access to a member of MuJoCo's data makes an array.
         qpos, qvel, bias, forces, external = data.qpos, data.qvel, data.qfrc_bias, data.qfrc_applied, data.xfrc_applied
         place, turn, sensed = data.xpos[self.frame], data.xmat[self.frame], data.sensordata
         gravity, down = model.opt.gravity, scene.tilt + DOWN
         for step in range(-early, scene.steps):
             at = max(step, 0)
-            still = 0.0 if step < 0 else 1.0
+            rate, change = (reference[1][at], reference[2][at]) if step >= 0 else (zero, zero)
             self.time = step * STEP
-            q, v = qpos[self.address], qvel[self.driven]
+            q, v = qpos[places], qvel[dofs]
             row = rows[at]
             row[-12:-9], row[-9:] = place, turn
-            row[: len(q)], row[len(q) : 2 * len(q)] = q, v
-            mujoco.mj_fullM(model, data, mass)
-            wanted = still * reference[2][at] + self._feedback(reference[0][at] - q, still * reference[1][at] - v)
-            torque = mass[block] @ wanted + 0.97 * bias[self.driven]
+            row[:count], row[count : 2 * count] = q, v
+            wanted[dofs] = change + stiffness * (reference[0][at] - q) + damping * (rate - v)
+            mujoco.mj_mulM(model, data, needed, wanted)
+            torque = needed[dofs] + 0.97 * bias[dofs]
             if not float(torque @ torque) < HUGE**2:  # also when it is NaN
                 raise UnstableError(f"the simulation fails at {self.time:.3f} s")
-            forces[:], external[:], gravity[:] = 0.0, 0.0, down
-            forces[self.driven] = torque
+            forces[:] = 0.0
+            forces[dofs] = torque
             self.active = False
+            if self.faults:
+                external[:], gravity[:] = 0.0, down
             for fault in self.faults:
                 fault.push(self)
             mujoco.mj_step(model, data)
-            row[2 * len(q) : 3 * len(q)], row[3 * len(q) : -13], row[-13] = torque, -sensed, float(self.active)
+            row[2 * count : 3 * count], row[3 * count : -13], row[-13] = torque, -sensed, float(self.active)
         return self._track(rows)
-
-    def _feedback(self, error: Array, rate: Array) -> Array:
-        return np.asarray(self.scene.stiffness**2 * error + 1.6 * self.scene.stiffness * rate)
 
     def _track(self, rows: Array) -> Track:
         count = len(self.driven)
@@ -190,11 +194,11 @@ class World:
         mujoco.mj_forward(self.model, self.data)
         mass = np.empty((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, mass)
-        return np.asarray(np.diag(mass)[self.driven[self.recorded]])
+        return np.asarray(np.diag(mass)[self.dofs])
 
     def dof(self, joint: int) -> int:
         """Address of the degree of freedom of a joint of the recording."""
-        return int(self.driven[self.recorded][joint])
+        return int(self.dofs[joint])
 
 
 class Mechanism:
@@ -229,6 +233,12 @@ def cross(a: Array, b: Array) -> Array:
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
+def _consecutive(indices: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """The same indices, as a slice if that is possible: numpy then copies nothing."""
+    first, count = int(indices[0]), len(indices)
+    return slice(first, first + count) if np.array_equal(indices, first + np.arange(count)) else indices
+
+
 def linear(value: float) -> Array:
     """A spring or damper of MuJoCo's tree without its higher powers."""
     return np.array([value, 0.0, 0.0])
@@ -259,5 +269,5 @@ def rigid(scene: Scene, position: Array, base: Array, rows: NDArray[np.int64]) -
         data.qpos[world.address], data.qvel[world.driven], data.qacc[world.driven] = q[row], speed[i], change[i]
         mujoco.mj_inverse(model, data)
         wrench[i] = -data.sensordata
-        effort[i] = data.qfrc_inverse[world.driven[world.recorded]]
+        effort[i] = data.qfrc_inverse[world.dofs]
     return wrench, effort

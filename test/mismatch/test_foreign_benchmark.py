@@ -230,7 +230,7 @@ def test_an_effect_changes_the_signal_by_its_stated_share(
         found = tuned(rig, fault.draw(rig.true, track, np.random.default_rng(4)), 1.0, (track, healthy))
         if found is None:
             continue
-        changed_by, stated = found
+        changed_by, stated = found.fault, found.share
         again = rig.signals(rig.run([changed_by]), [changed_by])
         assert share(rig, changed_by, healthy, again) == pytest.approx(stated, rel=1e-6)
         kind = "wrench" if by_wrench(rig.profile, changed_by) else "effort"
