@@ -111,12 +111,12 @@ def test_every_effect_of_the_load_is_searched_on_one_axis() -> None:
 def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() -> None:
     reading, names = read(Recorded(TURN).joints(), TURN), ["viscous_friction", "sensor_bias"]
     found = diagnose(reading.recorded, reading.model, library=effects_called(names))
-    assert found.untestable["sensor_bias"] == "the recording has no wrench"
+    assert found.untestable["sensor_bias"] == "there is no wrench to examine"
     # Efforts alone can show a pull on the load.
     names.append("world_force")
     assert "world_force" not in diagnose(reading.recorded, reading.model, library=effects_called(names)).untestable
     found = diagnose(make_case(3, duration=8.0).recorded(), reading.model, library=effects_called(names))
-    assert found.untestable["viscous_friction"] == "the recording has no joint efforts"
+    assert found.untestable["viscous_friction"] == "there are no usable joint efforts"
 
 
 @pytest.mark.parametrize("rate", [1000.0, 5000.0])

@@ -163,7 +163,9 @@ def diagnose(
     examination = _Examination(recorded, model, last, tried, rivals, deadline, progress, signals)
     examined = examination.of_all()
     missing = {
-        effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
+        effect.name: "there is no wrench to examine"
+        if effect.signal == "wrench"
+        else "there are no usable joint efforts"
         for effect in tried
         if effect.signal not in signals
     }
