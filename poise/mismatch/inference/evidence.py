@@ -5,6 +5,7 @@ with `precision`, or uniform between plus and minus its `bound`. The square of a
 bounds. For the volume of the posterior a uniform prior counts as the normal one of its variance, bound^2 / 3.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,8 @@ _KEPT = 8_000_000
 _RIDGE = 0.01
 """Precision of a bounded coefficient in units of its bound: it selects the smallest where the data do not determine
 it. At the bound it costs 0.005 of log likelihood."""
+_SPANS = 10
+"""Spans of time whose slopes are compared, see `WhitenedRegression.spread`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +153,24 @@ class WhitenedRegression:
     def covariance(self) -> Array:
         """(k, k) of c, with uniform priors as normal ones."""
         return np.asarray(cho_solve((self._factor, True), np.eye(len(self.mean))))
+
+    def spread(self) -> Array:
+        """(k,) one sigma of c: that of `covariance`, or what the data show where no coefficients explain them.
+
+        The slopes of the square by c scatter over spans of time as much as noise lets them. Where the columns misfit,
+        they scatter more (the sandwich estimate; Huber 1967, White 1982, "Maximum likelihood estimation of misspecified
+        models"). Spans are long, since a misfit repeats with the motion.
+        """
+        covariance, left = self.covariance(), self.residual.reshape(self.channels, -1)
+        cuts = np.linspace(0, left.shape[1], _SPANS + 1).astype(int)
+        moved = np.zeros((self.count, _SPANS))
+        for i, (begin, end) in enumerate(itertools.pairwise(cuts.tolist())):
+            slopes = [
+                np.einsum("kcn,cn->k", piece.reshape(len(piece), *left.shape)[:, :, begin:end], left[:, begin:end])
+                for piece in self.pieces
+            ]
+            moved[:, i] = covariance @ np.concatenate(slopes)
+        return np.asarray(np.sqrt(np.maximum(np.diag(covariance), (moved**2).sum(axis=1))))
 
     def project(self, extra: Array) -> "ProjectedColumns":
         """Further columns (m, R) beside these."""

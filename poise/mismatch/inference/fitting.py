@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from poise.mismatch.effects import Effect
@@ -47,6 +48,7 @@ class HypothesisFit:
         response: (N, C) of the parts.
         calibrated: (N, C) of the calibration errors.
         covariance: of each part's parameters, in the order of `Effect.parameters`.
+        rows: of each part, the rows of the regression that belong to these parameters; -1: not fitted.
         linear: (k,) columns of the regression that belong to calibration errors or linear parameters.
     """
 
@@ -57,7 +59,15 @@ class HypothesisFit:
     response: Array
     calibrated: Array
     covariance: tuple[Array, ...]
+    rows: tuple[NDArray[np.intp], ...]
     linear: Mask
+
+    def with_misfit(self) -> "HypothesisFit":
+        """With the covariance of parameters as wide as the residual shows, see `WhitenedRegression.spread`."""
+        wider = self.regression.spread() / np.sqrt(np.diag(self.regression.covariance()))
+        factors = [np.where(row >= 0, wider[row], 1.0) for row in self.rows]
+        pairs = zip(self.covariance, factors, strict=True)
+        return replace(self, covariance=tuple(each * np.outer(factor, factor) for each, factor in pairs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,4 +207,6 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
     straight = np.concatenate([np.ones(whole.count - len(linear), dtype=bool), linear])
-    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, at.covariances(whole), straight)
+    return HypothesisFit(
+        at.parts, evidence, at.square, whole, response, calibrated, at.covariances(whole), at.rows(), straight
+    )

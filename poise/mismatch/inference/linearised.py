@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.evidence import WhitenedRegression
@@ -59,21 +60,26 @@ class Linearised:
         precision, mean = self.priors(scale)
         return self.calibration.extended(self.columns, np.where(precision > 0, precision, 1.0), mean)
 
-    def covariances(self, whole: WhitenedRegression) -> tuple[Array, ...]:
-        """Of each part's parameters, from `regression`; parameters that were not fitted have their resolution."""
-        size = self.calibration.count
-        covariance = whole.covariance()[size:, size:]
-        own = self.parameters()
+    def rows(self) -> tuple[NDArray[np.intp], ...]:
+        """Of each part: the row of `regression` for each parameter, -1 for those that were not fitted."""
+        own, size = self.parameters(), self.calibration.count
         found = []
         for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True)):
+            row_of = {p.name: size + k for k, (j, p) in enumerate(own) if j == i}
+            found.append(np.array([row_of.get(p.name, -1) for p in part.effect.parameters(recorded)], dtype=np.intp))
+        return tuple(found)
+
+    def covariances(self, whole: WhitenedRegression) -> tuple[Array, ...]:
+        """Of each part's parameters, from `regression`; parameters that were not fitted have their resolution."""
+        covariance = whole.covariance()
+        found = []
+        for part, recorded, row in zip(self.parts, self.inputs, self.rows(), strict=True):
             parameters = part.effect.parameters(recorded)
             matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
-            rows = [k for k, (j, _) in enumerate(own) if j == i]
-            place_of = {p.name: place for place, p in enumerate(parameters)}
-            places = [place_of[own[k][1].name] for k in rows]
+            places = np.flatnonzero(row >= 0)
             # From places in the prior to values: dv/du by differences.
             rates = np.array([_rate(p, part.values[p.name]) for p in (parameters[place] for place in places)])
-            matrix[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(rates, rates)
+            matrix[np.ix_(places, places)] = covariance[np.ix_(row[places], row[places])] * np.outer(rates, rates)
             found.append(matrix)
         return tuple(found)
 
