@@ -4,7 +4,7 @@ from poise.mismatch.answer.belief import BeliefBasis, belief_probability
 from poise.mismatch.answer.diagnosis import Diagnosis, Verdict, diagnose, verdict_of
 from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
-from poise.mismatch.answer.named import NamedEffect, Quantity, quantities
+from poise.mismatch.answer.named import NamedEffect, Quantity, covariances, quantities
 from poise.mismatch.answer.residual_windows import ResidualWindow
 from poise.mismatch.answer.signal_diagnosis import SignalDiagnosis
 
@@ -19,6 +19,7 @@ __all__ = [
     "SignalDiagnosis",
     "Verdict",
     "belief_probability",
+    "covariances",
     "design_motion",
     "diagnose",
     "effects_called",

@@ -85,12 +85,21 @@ def named_effects(
             proof,
             _near(part, others, problem.recorded),
         )
-        for part, recorded, covariance, belief, proof, others in zip(
-            best.parts, inputs, best.covariance, confidence, model.proofs, instead, strict=True
+        for (part, recorded), covariance, belief, proof, others in zip(
+            acting, covariances(best, inputs), confidence, model.proofs, instead, strict=True
         )
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def covariances(best: HypothesisFit, inputs: Sequence[RecordedMotion]) -> list[Array]:
+    """Of the parameters of each part: what the residual shows, and the errors of its law."""
+    found = []
+    for part, recorded, covariance in zip(best.parts, inputs, best.with_misfit().covariance, strict=True):
+        of_law = [p.law_sigma(part.values[p.name]) for p in part.effect.parameters(recorded)]
+        found.append(covariance + np.diag(np.square(of_law)))
+    return found
 
 
 def equals(part: FittedEffect, recorded: RecordedMotion, beside: str) -> set[str]:

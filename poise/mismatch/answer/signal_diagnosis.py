@@ -132,7 +132,6 @@ def examined_signal(
     left = unknown_physics(final, best, rest)
     beside = "" if left is None else next(iter(left.depends_on), "time")
     varied = variations(final, best.parts)
-    best = best.with_misfit()
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
     unnamed = unclear(named)
     doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}

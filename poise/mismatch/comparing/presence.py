@@ -1,6 +1,6 @@
 """Whether one recording by itself shows an effect, and with which values: one fit beside what most arms lack."""
 
-from poise.mismatch.answer import NamedEffect, Quantity, quantities
+from poise.mismatch.answer import NamedEffect, Quantity, covariances, quantities
 from poise.mismatch.effects import Effect, Values, effect_named
 from poise.mismatch.inference import WARM_STEPS, FittedEffect, effort_problem, fit, wrench_problem
 from poise.mismatch.reading import NominalModel, acting_on_efforts
@@ -27,7 +27,7 @@ def own_values(finding: NamedEffect, recorded: RecordedMotion, model: NominalMod
     parts = [FittedEffect(effect, own), *(part for part in usual if part is not None)]
     found = fit(problem.weighed(), parts, WARM_STEPS)
     inputs = problem.compose(found.parts)[0]
-    part, covariance = found.parts[0], found.covariance[0]
+    part, covariance = found.parts[0], covariances(found, inputs)[0]
     values = quantities(part, inputs[0], covariance)
     linear = [p.name for p in effect.parameters(recorded) if p.linear]
     sigma = dict(zip((p.name for p in effect.parameters(inputs[0])), covariance.diagonal() ** 0.5, strict=True))

@@ -65,7 +65,7 @@ class Backlash(Effect):
         low, high = min(each[0] for each in ranges), max(each[1] for each in ranges)
         return (
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
-            EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True),
+            EffectParameter("gap", "rad", low=low, high=high, linear=False, log=True, law_error=0.05),
             EffectParameter("turned", "rad", low=-_TURNED, high=_TURNED, linear=False, hidden=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("own", "", 1.0, high=_MOST, positive=True, hidden=True),

@@ -57,6 +57,8 @@ class EffectParameter:
         vanishes: at its low end, a non-linear parameter stands for none (no damping, no slack), so that a fit may end
             there.
         hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
+        law_error: one sigma that no recording removes, since the true law differs from the effect's: relative for
+            positive parameters and for those that are uniform in their logarithm, else in `unit`.
     """
 
     name: str
@@ -73,6 +75,11 @@ class EffectParameter:
     known: float = 0.0
     vanishes: bool = False
     hidden: bool = False
+    law_error: float = 0.0
+
+    def law_sigma(self, value: float) -> float:
+        """`law_error` in `unit`."""
+        return self.law_error * (abs(value) if self.log or self.positive else 1.0)
 
     @property
     def lower(self) -> float:

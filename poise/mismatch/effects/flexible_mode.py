@@ -16,6 +16,7 @@ from poise.mismatch.effects.part_wrench import (
     best_fit,
     by_axis,
     chart,
+    damping_parameter,
     direction,
     likely_place,
     named_axis,
@@ -58,7 +59,7 @@ class FlexibleMode(Effect):
         del recorded
         return (
             EffectParameter("frequency", "Hz", low=1.5, high=30.0, linear=False, log=True),
-            EffectParameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
+            damping_parameter(0.003, 0.7),
             *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)

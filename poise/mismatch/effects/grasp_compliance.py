@@ -22,6 +22,7 @@ from poise.mismatch.effects.part_wrench import (
     by_axis,
     chart,
     coarsely,
+    damping_parameter,
     direction,
     named_axis,
     specific_at,
@@ -81,7 +82,7 @@ class GraspCompliance(Effect):
         del recorded
         return (
             EffectParameter("stiffness", "N m/rad", low=_SOFTEST, high=_STIFFEST, linear=False, log=True),
-            EffectParameter("damping_ratio", "", low=0.02, high=1.5, linear=False, log=True),
+            damping_parameter(0.02, 1.5),
             EffectParameter("height", "m", low=-0.1, high=0.4, linear=False),
             EffectParameter("axes", "", low=_ONE, high=_ALL, linear=False, choice=True),
             *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),

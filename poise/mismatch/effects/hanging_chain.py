@@ -15,6 +15,7 @@ from poise.mismatch.effects.part_wrench import (
     beside_errors,
     beyond_nominal,
     coarsely,
+    damping_parameter,
     likely_swings,
     no_part,
     nominal_law,
@@ -67,7 +68,7 @@ class HangingChain(Effect):
         return (
             EffectParameter("length", "m", low=0.02, high=1.5, linear=False, log=True),
             EffectParameter("tip", "", low=0.0, high=0.5, linear=False, vanishes=True, hidden=True),
-            EffectParameter("damping_ratio", "", low=5e-4, high=0.1, linear=False, log=True),
+            damping_parameter(5e-4, 0.1),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS

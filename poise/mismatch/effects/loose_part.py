@@ -62,7 +62,9 @@ class LoosePart(Effect):
     """A mass that slides along an axis of the tool between two stops, with dry friction in its guide.
 
     Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop pushes as
-    a critically damped spring and does not pull. The guide presses on the part with what acts across the axis.
+    a critically damped spring and does not pull. The guide presses on the part with what acts across the axis. The
+    moments of knocks are known to a millisecond, and a small change of the gap moves them all: the fit is sharp also
+    where the stops follow another law. The errors of the law are those of nine parts with other stops.
     """
 
     name = "loose_part"
@@ -82,15 +84,18 @@ class LoosePart(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return (
-            EffectParameter("gap", "m", low=5e-4, high=0.1, linear=False, log=True),
+            EffectParameter("gap", "m", low=5e-4, high=0.1, linear=False, log=True, law_error=0.05),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("friction", "", low=_SMOOTH, high=_ROUGH, linear=False, log=True, vanishes=True),
-            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
             *(
-                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True, law_error=0.01)
+                for name in AXIS_PARAMETERS
+            ),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False, law_error=0.02)
                 for name in POINT_PARAMETERS
             ),
-            EffectParameter("mass", "kg", 0.4, positive=True),
+            EffectParameter("mass", "kg", 0.4, positive=True, law_error=0.25),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:

@@ -61,6 +61,11 @@ def nominal_parameter() -> EffectParameter:
     return EffectParameter("nominal", "", low=AT_PIVOT, high=AT_REST, linear=False, choice=True, hidden=True)
 
 
+def damping_parameter(low: float, high: float) -> EffectParameter:
+    """The damping ratio of what swings, whose law is never quite viscous."""
+    return EffectParameter("damping_ratio", "", low=low, high=high, linear=False, log=True, law_error=0.05)
+
+
 def nominals(swing: Mapping[str, float]) -> list[dict[str, float]]:
     """Values of a swing with each place that the nominal model may give it."""
     return [{**swing, "nominal": place} for place in (AT_PIVOT, NOWHERE, AT_REST)]

@@ -11,6 +11,7 @@ from poise.mismatch.effects.part_wrench import (
     PAYLOAD_REACH,
     POINT_PARAMETERS,
     beyond_nominal,
+    damping_parameter,
     likely_swings,
     no_part,
     nominal_law,
@@ -56,7 +57,7 @@ class Slosh(Effect):
         del recorded
         return (
             EffectParameter("length", "m", low=0.008, high=_LONGEST, linear=False, log=True),
-            EffectParameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
+            damping_parameter(0.003, 0.7),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
                 for name in POINT_PARAMETERS
