@@ -171,6 +171,8 @@ def _link(link: ET.Element, frames: Frames, folder: Path, where: str, notes: lis
     known = [(each, solid) for each, solid in found if solid is not None]
     if len(known) < len(found):
         notes.append(f"{where}: a collision shape of an unknown kind is left out; {', '.join(_KINDS)} are read")
+    if any(each.find("geometry/mesh/submesh") is not None for each, _ in known):
+        notes.append(f"{where}: a submesh is not read alone; the whole mesh is taken")
     weighed = [(each, solid) for each, solid in known if each.find("geometry/plane") is None]
     inertial = link_inertial(link, weighed, where)
     return WorldLink(where, frames.pose_of(link), tuple(solid for _, solid in known), inertial)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from poise.errors import InputError
 from poise.worlds import read_world
@@ -108,3 +109,24 @@ def test_the_newest_version_of_a_model_is_read(tmp_path: Path) -> None:
     file = tmp_path / "w.sdf"
     file.write_text(_world("<include><uri>models/bin</uri></include>"))
     assert read_world(file)[0].objects[1].shape.size == (10.0, 1.0, 1.0)
+
+
+def test_a_submesh_is_said_to_be_the_whole_mesh(tmp_path: Path) -> None:
+    """Also of what does not move."""
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "a.stl")
+    mesh = "<mesh><uri>a.stl</uri>{}</mesh>"
+    file = tmp_path / "w.sdf"
+    whole = (
+        '<model name="{0}"><static>1</static><link name="l"><collision name="c"><geometry>{1}</geometry></collision>'
+        "</link></model>"
+    )
+    file.write_text(
+        _world(
+            whole.format("part", mesh.format("<submesh><name>lid</name></submesh>")),
+            whole.format("all", mesh.format("")),
+        )
+    )
+    notes = read_world(file)[1]
+    assert [note for note in notes if "submesh" in note] == [
+        "part::l: a submesh is not read alone; the whole mesh is taken"
+    ]
