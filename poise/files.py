@@ -4,7 +4,9 @@ import contextlib
 import hashlib
 import os
 import secrets
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from poise.errors import ErrorCode, InputError
 
@@ -75,3 +77,19 @@ def sha256_of(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except (OSError, ValueError):
         return ""
+
+
+def yaml_documents(text: str) -> Iterator[Any]:
+    """The documents of a YAML text, as `yaml.safe_load_all`; by libyaml, a few times as fast, where PyYAML has it.
+
+    Raises:
+        yaml.YAMLError: when the text is not YAML, or nested more than a thousand deep.
+    """
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
+    try:
+        while loader.check_data():
+            yield loader.get_data()
+    finally:
+        loader.dispose()

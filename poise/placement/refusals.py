@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, NoAnswerError
 from poise.placement.orientation import TURNED
-from poise.placement.validation import APART, FALLS, OVERLAPS, ROLLS, SENSITIVE, UNDECIDED
+from poise.placement.validation import APART, ENCLOSED, FALLS, OVERLAPS, ROLLS, SENSITIVE, UNDECIDED
 
 NO_FIT = "no pose fits the places"
 NO_ROOM = "no room on a level surface"
@@ -19,6 +19,7 @@ _STAGES = {
     UNDECIDED: "undecided",
     FALLS: "not_stable",
     ROLLS: "would_roll",
+    ENCLOSED: "no_way_in",
     SENSITIVE: "not_robust",
 }
 """Tests of a pose in their order, and the cause when no pose gets farther."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.assembly.contact import way_out
 from poise.assembly.statics import rolling
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
@@ -21,6 +22,7 @@ PoseTest = Callable[[RigidObject], bool]
 """A condition on the object at its pose alone, asked before contacts are looked for."""
 
 OVERLAPS, APART, FALLS, ROLLS = "overlaps", "touches nothing", "does not stand", "may roll: no chock or lip holds it"
+ENCLOSED = "no straight way leads there"
 UNDECIDED, SENSITIVE = "could not be decided", "stands, but not robustly"
 """Why a pose is rejected; undecided when a solver fails."""
 _LOOSE = 3e-4
@@ -146,6 +148,8 @@ class Validator:
                 return self._reject(why)
             if standing[1] is not there and _overlaps(*standing):
                 return self._reject(OVERLAPS)
+            if not _is_open(*standing):
+                return self._reject(ENCLOSED)
             if self.uncertainty is not None and not stands_disturbed(*standing, self.uncertainty):
                 return self._reject(SENSITIVE)
             failed = next((name for name, test in self.tests if not test(*standing)), None)
@@ -203,6 +207,12 @@ def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:
     structure, place = analysis.structure, analysis.assembly.index[item.id]
     kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= _LOOSE)
     return analysis if len(kept) == len(structure.interfaces) else Analysis(replace(structure, interfaces=kept))
+
+
+def _is_open(analysis: Analysis, item: RigidObject) -> bool:
+    """Whether the object can be moved there, or away, along a straight line."""
+    structure, place = analysis.structure, analysis.assembly.index[item.id]
+    return way_out(analysis.assembly, structure.interfaces, place, structure.margin).direction is not None
 
 
 def _overlaps(analysis: Analysis, item: RigidObject) -> bool:

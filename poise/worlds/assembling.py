@@ -51,7 +51,7 @@ def assembled(
     if not any(item.fixed for item in objects):
         what = "nothing in the file is fixed; add a floor: poise scene FILE --floor 0 --output scene.yaml"
         raise InputError(ErrorCode.BAD_INPUT, what)
-    general, pairs = _friction(world, friction, notes)
+    general, pairs = _friction(world, friction, notes, added=[] if floor is None else [_FLOOR])
     return Assembly(tuple(objects), world.gravity, general, pairs), tuple(notes)
 
 
@@ -90,8 +90,10 @@ def _shape(body: WorldBody) -> tuple[Shape, Pose]:
     return Mesh(whole.vertices, whole.triangles, notes=whole.notes), Pose.identity()
 
 
-def _friction(world: WorldContent, friction: float | None, notes: list[str]) -> tuple[float, tuple[FrictionPair, ...]]:
-    """The coefficient of most pairs, and the pairs that have another."""
+def _friction(
+    world: WorldContent, friction: float | None, notes: list[str], added: Sequence[str]
+) -> tuple[float, tuple[FrictionPair, ...]]:
+    """The coefficient of most pairs, and the pairs that have another; bodies have their own on what is added."""
     if friction is not None:
         return friction, ()
     found = {body.name: _coefficient(body, world.friction, notes) for body in world.bodies}
@@ -107,6 +109,7 @@ def _friction(world: WorldContent, friction: float | None, notes: list[str]) -> 
             continue
         given = world.pairs.get((first, second), world.pairs.get((second, first)))
         between[first, second] = world.combine(found[first], found[second]) if given is None else given
+    between |= {(name, other): found[name] for other in added for name in found if name not in fixed}
     general = Counter(between.values()).most_common(1)[0][0] if between else world.friction
     others = [FrictionPair(pair, value) for pair, value in between.items() if value != general]
     return general, tuple(others)

@@ -1,11 +1,14 @@
 """MJCF, the models of MuJoCo; MuJoCo itself reads them (extra `sim`)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
+import trimesh
+from scipy.spatial import QhullError
 
 from poise.assembly import Assembly, FrictionPair, Mesh
 from poise.assembly.scene import Shape
@@ -17,6 +20,7 @@ from poise.types import Array
 from poise.worlds import solids
 from poise.worlds.base import WorldBody, WorldContent, WorldFormat, WorldSolid
 from poise.worlds.groups import WorldLink, grouped
+from poise.worlds.mjcf_contacts import mjcf_friction
 from poise.worlds.mjcf_text import MJCF_MEMORY, mjcf_geom, mjcf_inertial, mjcf_place, mjcf_resistance, mjcf_round_pairs
 
 _FREE = 0
@@ -130,17 +134,36 @@ class _Reading:
         bodies = [self._alone(number) for number in range(model.ngeom) if model.geom_bodyid[number] == 0]
         known = [body for body in bodies if body is not None]
         for root in range(1, model.nbody):
-            if model.body_weldid[root] == root or (model.body_weldid[root] == 0 and model.body_parentid[root] == 0):
+            if self._root(root) == root:
                 known += self._rigid(root)
-        pairs = {}
-        for number in range(model.npair):
-            ends = [self._owner(int(model.pair_geom1[number])), self._owner(int(model.pair_geom2[number]))]
-            pairs[ends[0], ends[1]] = float(model.pair_friction[number][0])
+        pairs = self._pairs(known)
         default = sum(solid.friction == _FRICTION for body in known for solid in body.solids)
         doubt = f"friction of {default} geoms is {_FRICTION:g}, the default of MuJoCo; is it known?" if default else ""
         self._notes += _left_out(model)
-        gravity = np.array(model.opt.gravity)
-        return WorldContent(tuple(known), gravity, max, pairs, tuple(self._notes), friction_note=doubt)
+        return WorldContent(tuple(known), self._gravity(), max, pairs, tuple(self._notes), friction_note=doubt)
+
+    def _gravity(self) -> Array:
+        import mujoco
+
+        off = bool(self._model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        return np.zeros(3) if off else np.array(self._model.opt.gravity)
+
+    def _pairs(self, bodies: Sequence[WorldBody]) -> dict[tuple[str, str], float]:
+        """Coefficients of pairs of bodies that are not the greater one of both; `pair` says the last word."""
+        model, names = self._model, {body.name for body in bodies}
+        geoms = [geom for geom in range(model.ngeom) if self._touches(geom) and self._owner(geom) in names]
+        owners, movable = [self._owner(geom) for geom in geoms], {body.name for body in bodies if not body.fixed}
+        pairs, notes = mjcf_friction(model, geoms, owners, movable)
+        self._notes += notes
+        for number in range(model.npair):
+            one, other = self._owner(int(model.pair_geom1[number])), self._owner(int(model.pair_geom2[number]))
+            pairs.pop((other, one), None)
+            slippery = model.pair_dim[number] == 1
+            pairs[one, other] = 0.0 if slippery else float(min(model.pair_friction[number][:2]))
+        return pairs
+
+    def _touches(self, geom: int) -> bool:
+        return bool(self._model.geom_contype[geom] or self._model.geom_conaffinity[geom])
 
     def _owner(self, geom: int) -> str:
         """The name of the body that a geom belongs to in `content`."""
@@ -148,22 +171,32 @@ class _Reading:
         return self._geom_name(geom) if body == 0 else self._names[self._root(body)]
 
     def _root(self, body: int) -> int:
+        """The body that a body is one with: what a body with a free joint carries by other joints is rigid."""
+        top = int(self._model.body_rootid[body])
+        if self._free(top):
+            return top
         weld = int(self._model.body_weldid[body])
         while weld == 0 and self._model.body_parentid[body] != 0:
             body = int(self._model.body_parentid[body])
         return weld or body
 
+    def _joints(self, body: int) -> range:
+        first = int(self._model.body_jntadr[body])
+        return range(first, first + int(self._model.body_jntnum[body]))
+
+    def _free(self, body: int) -> bool:
+        return any(int(self._model.jnt_type[joint]) == _FREE for joint in self._joints(body))
+
     def _rigid(self, root: int) -> list[WorldBody]:
-        """A body and those that are welded to it."""
-        model = self._model
-        members = [body for body in range(1, model.nbody) if self._root(body) == root]
-        joints = range(model.body_jntadr[root], model.body_jntadr[root] + model.body_jntnum[root])
-        free = [int(model.jnt_type[joint]) == _FREE for joint in joints]
-        if free and not any(free):
-            self._notes.append(f"{self._names[root]}: a joint holds it; it is taken as fixed where it is at the start")
-        links = [replace(self._link(body), fixed=not any(free)) for body in members]
-        joined = [(self._names[root], link.name) for link in links]
-        return grouped(self._names[root], links, joined, self._notes)
+        """A body and those that are joined to it."""
+        name, free = self._names[root], self._free(root)
+        members = [body for body in range(1, self._model.nbody) if self._root(body) == root]
+        if self._joints(root) and not free:
+            self._notes.append(f"{name}: a joint holds it; it is taken as fixed where it is at the start")
+        if inner := sum(len(self._joints(body)) for body in members if body != root):
+            self._notes.append(f"{name}: {inner} joints on it are taken as rigid where they are at the start")
+        links = [replace(self._link(body), fixed=not free) for body in members]
+        return grouped(name, links, [(name, link.name) for link in links], self._notes)
 
     def _link(self, body: int) -> WorldLink:
         model = self._model
@@ -187,7 +220,7 @@ class _Reading:
     def _solid(self, geom: int) -> WorldSolid | None:
         """A geom in the frame of its body; None for one that touches nothing, or has no solid."""
         model = self._model
-        if not model.geom_contype[geom] and not model.geom_conaffinity[geom]:
+        if not self._touches(geom):
             return None
         pose = Pose(_rotation(model.geom_quat[geom]), np.array(model.geom_pos[geom]))
         kind = _KINDS.get(int(model.geom_type[geom]), "")
@@ -205,11 +238,25 @@ class _Reading:
         begin, triangles = model.mesh_faceadr[number], model.mesh_facenum[number]
         vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
         faces = np.array(model.mesh_face[begin : begin + triangles], dtype=np.int64)
-        whole = check_mesh(vertices, faces, name=model.mesh(number).name)
+        try:
+            whole = check_mesh(vertices, faces, name=model.mesh(number).name)
+        except InputError as error:
+            whole = check_mesh(*_hull(vertices, error), name=model.mesh(number).name)
+            self._notes.append(f"{error.message}; its convex hull is taken, which MuJoCo lets touch")
+            return Mesh(whole.vertices, whole.triangles, notes=whole.notes)
         mesh = Mesh(whole.vertices, whole.triangles, notes=whole.notes)
         if not mesh.polyhedron.convex:
             self._notes.append(f"{model.mesh(number).name}: read as it is; MuJoCo lets its convex hull touch")
         return mesh
+
+
+def _hull(vertices: Array, error: InputError) -> tuple[Array, Array]:
+    """Of the vertices of a mesh that is no solid; the error about the mesh where they have none."""
+    try:
+        hull = trimesh.convex.convex_hull(vertices)
+    except QhullError:
+        raise error from None
+    return np.asarray(hull.vertices), np.asarray(hull.faces, dtype=np.int64)
 
 
 def _pair_friction(assembly: Assembly, pair: FrictionPair) -> str:

@@ -11,6 +11,7 @@ import yaml
 from poise.assembly import Assembly, Box, Cylinder, Mesh, RigidObject, Sphere
 from poise.assembly.scene import Shape
 from poise.errors import ErrorCode, InputError
+from poise.files import yaml_documents
 from poise.geometry import Pose
 from poise.shape import check_mesh
 from poise.worlds import solids
@@ -38,15 +39,15 @@ class MoveItFormat(WorldFormat):
             text = path.read_text(encoding="utf-8")
             if path.suffix.lower() == ".scene":
                 return WorldContent(tuple(_bodies_of_text(text)))
-            content = next(iter(yaml.safe_load_all(text)), None)  # ros2 topic echo ends each message with ---
+            content = next(yaml_documents(text), None)  # ros2 topic echo ends each message with ---
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: {' '.join(str(error).split())}") from error
-        except (ValueError, StopIteration, RuntimeError) as error:
+        except (ValueError, IndexError, StopIteration, RuntimeError) as error:
             what = f"{path}: the text ends early, or has a word in the place of a number; save it again"
             raise InputError(ErrorCode.FILE_CORRUPT, what) from error
         try:
             return _content_of_message(content or {})
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: not a PlanningScene: {error!r}") from error
 
     def written(self, assembly: Assembly, path: Path) -> tuple[bytes, tuple[str, ...]]:
@@ -101,16 +102,26 @@ def _with_poses(items: Sequence[Any], poses: Sequence[Any] | None) -> Iterator[t
 
 
 def _primitive(kind: int, sizes: Sequence[float], where: str) -> Shape:
-    numbers = [float(size) for size in sizes]
     if kind == _BOX:
-        return solids.box(np.array(numbers[:3]))
+        return solids.box(np.array(_sizes(sizes, 3, where)))
     if kind == _SPHERE:
-        return solids.sphere(numbers[0])
-    if kind == _CYLINDER:
-        return solids.cylinder(numbers[1], numbers[0])
-    if kind == _CONE:
-        return solids.cone(numbers[1], numbers[0])
+        return solids.sphere(*_sizes(sizes, 1, where))
+    if kind in (_CYLINDER, _CONE):
+        length, radius = _sizes(sizes, 2, where)
+        return solids.cylinder(radius, length) if kind == _CYLINDER else solids.cone(radius, length)
     raise InputError(ErrorCode.UNSUPPORTED, f"{where}: primitive type {kind}; 1 to 4 (box to cone) are read")
+
+
+def _sizes(numbers: Sequence[float], count: int, where: str) -> list[float]:
+    """The sizes of a primitive, as many as it has.
+
+    Raises:
+        InputError: OBJECT_INVALID.
+    """
+    if len(numbers) != count:
+        what = f"{where}: its shape has {len(numbers)} sizes, expected {count}"
+        raise InputError(ErrorCode.OBJECT_INVALID, what, object=where)
+    return [float(size) for size in numbers]
 
 
 def _mesh(vertices: Sequence[Sequence[float]], triangles: Sequence[Sequence[int]], where: str) -> Mesh:
@@ -207,9 +218,10 @@ def _shape_of_text(kind: str, numbers: Callable[[], list[float]], where: str) ->
         vertices = [numbers() for _ in range(int(sizes[0]))]
         return _mesh(vertices, [[int(each) for each in numbers()] for _ in range(int(sizes[1]))], where)
     if kind == "box":
-        return solids.box(np.array(sizes))
+        return solids.box(np.array(_sizes(sizes, 3, where)))
     if kind == "sphere":
-        return solids.sphere(sizes[0])
+        return solids.sphere(*_sizes(sizes, 1, where))
     if kind in ("cylinder", "cone"):
-        return solids.cylinder(*sizes) if kind == "cylinder" else solids.cone(*sizes)
+        radius, length = _sizes(sizes, 2, where)
+        return solids.cylinder(radius, length) if kind == "cylinder" else solids.cone(radius, length)
     raise InputError(ErrorCode.UNSUPPORTED, f"{where}: a shape {kind}; box, sphere, cylinder, cone, mesh are read")

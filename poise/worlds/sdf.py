@@ -13,7 +13,6 @@ from poise.assembly.scene import Shape
 from poise.exporting import sdf_inertial
 from poise.files import write_whole
 from poise.geometry import Pose
-from poise.inertia import InertialParameters
 from poise.worlds import solids
 from poise.worlds.assembling import inertial_of
 from poise.worlds.base import WorldContent, WorldFormat, WorldSolid
@@ -21,14 +20,8 @@ from poise.worlds.groups import WORLD, WorldLink, grouped
 from poise.worlds.mesh_beside import stl_bytes, stl_name
 from poise.worlds.mesh_sources import scaled_mesh
 from poise.worlds.sdf_frames import Frames, expanded, folder_of, is_true, pose_inside, take_state
-from poise.worlds.xml_tree import (
-    AXES_OF_INERTIA,
-    direction_of,
-    inertial_at,
-    numbers_of,
-    read_xml,
-    xyz_rpy_of,
-)
+from poise.worlds.sdf_inertia import link_inertial
+from poise.worlds.xml_tree import direction_of, numbers_of, read_xml, xyz_rpy_of
 
 _GRAVITY = "0 0 -9.8"
 _FRICTION = 1.0
@@ -140,6 +133,8 @@ class _Model:
         found = _link(element, self.frames, folder_of(element, self.folder), name, notes)
         if element.find("inertial") is None and found.solids and not self.static:
             notes.append(f"{name}: no inertial; SDFormat's default of 1 kg is taken")
+        if not self.static:
+            notes.extend(f"{name}: {what}" for what in _left_out(element))
         return replace(found, fixed=self.static)
 
     def _pairs(self, joint: ET.Element, notes: list[str]) -> list[tuple[str, str]]:
@@ -159,25 +154,28 @@ class _Model:
         return f"{self.name}::{name}" if self.name else name
 
 
+def _left_out(link: ET.Element) -> list[str]:
+    """What changes how a link moves in Gazebo, and is not part of a scene."""
+    masked = any(each.find("surface/contact/collide_bitmask") is not None for each in link.findall("collision"))
+    found = {
+        "the file takes gravity from it, which is left out: it has its weight": link.find("gravity") is not None
+        and not is_true(link.findtext("gravity")),
+        "its collide_bitmask is left out: it touches everything here": masked,
+        "it is kinematic in the file, which is left out: forces move it here": is_true(link.findtext("kinematic")),
+    }
+    return [what for what, there in found.items() if there]
+
+
 def _link(link: ET.Element, frames: Frames, folder: Path, where: str, notes: list[str]) -> WorldLink:
-    found = [_solid(each, folder, where) for each in link.findall("collision")]
-    known = tuple(each for each in found if each is not None)
+    found = [(each, _solid(each, folder, where)) for each in link.findall("collision")]
+    known = [(each, solid) for each, solid in found if solid is not None]
     if len(known) < len(found):
         notes.append(f"{where}: a collision shape of an unknown kind is left out; {', '.join(_KINDS)} are read")
-    inertial = _inertial(link.find("inertial"), where)
-    return WorldLink(where, frames.pose_of(link), known, inertial)
-
-
-def _inertial(element: ET.Element | None, where: str) -> InertialParameters:
-    if element is None:
-        return InertialParameters(1.0, np.full(3, np.nan), np.full((3, 3), np.nan))
-    mass = float(numbers_of(element.findtext("mass"), 1, f"{where}: mass", "1")[0])
-    tensor = element.find("inertia")
-    if tensor is None:
-        return inertial_at(mass, pose_inside(element, where), None)
-    entries = zip(AXES_OF_INERTIA, ("1", "0", "0", "1", "0", "1"), strict=True)
-    six = [numbers_of(tensor.findtext(axis), 1, f"{where}: {axis}", value)[0] for axis, value in entries]
-    return inertial_at(mass, pose_inside(element, where), np.array(six))
+    if any(each.find("geometry/mesh/submesh") is not None for each, _ in known):
+        notes.append(f"{where}: a submesh is not read alone; the whole mesh is taken")
+    weighed = [(each, solid) for each, solid in known if each.find("geometry/plane") is None]
+    inertial = link_inertial(link, weighed, where)
+    return WorldLink(where, frames.pose_of(link), tuple(solid for _, solid in known), inertial)
 
 
 def _solid(collision: ET.Element, folder: Path, where: str) -> WorldSolid | None:
@@ -189,8 +187,17 @@ def _solid(collision: ET.Element, folder: Path, where: str) -> WorldSolid | None
     pose = pose_inside(collision, where)
     if geometry is not None and geometry.find("plane") is not None:
         pose = pose @ solids.below_plane(direction_of(geometry.findtext("plane/normal"), f"{where}: plane/normal"))
-    mu = collision.findtext("surface/friction/ode/mu") or collision.findtext("surface/friction/bullet/friction")
-    return WorldSolid(shape, pose, None if mu is None else float(numbers_of(mu, 1, f"{where}: mu")[0]))
+    return WorldSolid(shape, pose, _coefficient(collision, where))
+
+
+def _coefficient(collision: ET.Element, where: str) -> float | None:
+    """Of a surface; the least of both directions, which is on the safe side. None: the file has none."""
+    for path in (("ode/mu", "ode/mu2"), ("bullet/friction", "bullet/friction2")):
+        given = {name: collision.findtext(f"surface/friction/{name}") for name in path}
+        known = [float(numbers_of(text, 1, f"{where}: {name}")[0]) for name, text in given.items() if text]
+        if known:
+            return min(known)
+    return None
 
 
 def _shape(geometry: ET.Element, folder: Path, where: str) -> Shape | None:

@@ -118,9 +118,16 @@ def _merged(model: ET.Element) -> list[ET.Element]:
 
 
 def _model_file(folder: Path) -> Path:
+    """That of a folder with `model.config`: of several versions of SDFormat the newest, as in Gazebo."""
     config = folder / "model.config"
-    named = read_xml(config, "model").findtext("sdf") if config.exists() else None
-    return folder / (named or "model.sdf").strip()
+    named = read_xml(config, "model").findall("sdf") if config.exists() else []
+    newest = max(named, key=_version, default=None)
+    return folder / ((None if newest is None else newest.text) or "model.sdf").strip()
+
+
+def _version(element: ET.Element) -> tuple[int, ...]:
+    parts = element.get("version", "0").strip().split(".")
+    return tuple(int(part) if part.isdigit() else 0 for part in parts)
 
 
 def pose_inside(element: ET.Element, where: str) -> Pose:

@@ -1,5 +1,6 @@
 """URDF (http://wiki.ros.org/urdf/XML): objects and fixtures described like robots."""
 
+import operator
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -15,9 +16,16 @@ from poise.worlds.groups import WORLD, WorldLink, grouped
 from poise.worlds.mesh_sources import scaled_mesh
 from poise.worlds.xml_tree import AXES_OF_INERTIA, direction_of, inertial_at, numbers_of, pose_of_rpy, read_xml
 
+_BULLET, _GAZEBO = 0.5, 1.0
+"""Friction of surfaces of which a URDF for PyBullet or Gazebo says nothing, while it does of others."""
+
 
 class UrdfFormat(WorldFormat):
-    """One object, or several that a link `world` holds by joints that are fixed or floating."""
+    """One object, or several that a link `world` holds by joints that are fixed or floating.
+
+    Coefficients of two surfaces are multiplied, as in PyBullet, where links have a `lateral_friction`; of those of
+    Gazebo the smaller one counts.
+    """
 
     name = "urdf"
     description = "URDF, links with collision shapes"
@@ -32,9 +40,9 @@ class UrdfFormat(WorldFormat):
         root, notes = read_xml(path, "robot"), list[str]()
         if b"xacro:" in path.read_bytes()[:65536]:
             raise InputError(ErrorCode.UNSUPPORTED, f"{path}: a xacro file; run xacro on it first")
-        poses = _poses(root)
+        poses, surfaces = _poses(root), _surfaces(root)
         links = [
-            _link(link, poses[name], path.parent)
+            _link(link, poses[name], path.parent, surfaces.get(name))
             for link in root.findall("link")
             if (name := link.get("name", "")) != WORLD
         ]
@@ -46,7 +54,20 @@ class UrdfFormat(WorldFormat):
             if kind != "fixed":
                 notes.append(f"the joint {joint.get('name')} is taken as rigid, at zero")
             joined.append((parent, child))
-        return WorldContent(tuple(grouped(root.get("name", "object"), links, joined, notes)), notes=tuple(notes))
+        bodies = tuple(grouped(root.get("name", "object"), links, joined, notes))
+        if not surfaces:
+            return WorldContent(bodies, notes=tuple(notes))
+        bullet = root.find("link/contact/lateral_friction") is not None
+        combine, default = (operator.mul, _BULLET) if bullet else (min, _GAZEBO)
+        missing = sum(solid.friction is None for body in bodies for solid in body.solids)
+        assumed = f"{missing} collision shapes have no friction; the default of {default:g} is taken"
+        return WorldContent(
+            bodies,
+            combine=combine,
+            notes=tuple(notes),
+            friction=default,
+            friction_note=assumed if missing else "",
+        )
 
 
 def _end(joint: ET.Element, name: str) -> str:
@@ -81,10 +102,25 @@ def _poses(root: ET.Element) -> dict[str, Pose]:
     return {name: pose_of(name, 0) for name in names}
 
 
-def _link(link: ET.Element, pose: Pose, folder: Path) -> WorldLink:
+def _surfaces(root: ET.Element) -> dict[str, float]:
+    """Coefficients of links: `lateral_friction` of PyBullet, and the smaller one of `mu1` and `mu2` of Gazebo."""
+    given: dict[str, list[float]] = {}
+    for element in root.findall("gazebo"):
+        for kind in ("mu1", "mu2"):
+            found, where = element.find(kind), element.get("reference", "")
+            if found is not None:
+                text = found.text if (found.text or "").strip() else found.get("value")
+                given.setdefault(where, []).append(float(numbers_of(text, 1, f"{where}: {kind}")[0]))
+    for link in root.findall("link"):
+        friction, name = link.find("contact/lateral_friction"), link.get("name", "")
+        if friction is not None:
+            value = numbers_of(friction.get("value"), 1, f"{name}: lateral_friction")[0]
+            given.setdefault(name, []).append(float(value))
+    return {name: min(values) for name, values in given.items()}
+
+
+def _link(link: ET.Element, pose: Pose, folder: Path, mu: float | None) -> WorldLink:
     name = link.get("name", "")
-    friction = link.find("contact/lateral_friction")
-    mu = None if friction is None else float(numbers_of(friction.get("value"), 1, f"{name}: lateral_friction")[0])
     found = [WorldSolid(_shape(each, folder, name), _place(each, name), mu) for each in link.findall("collision")]
     return WorldLink(name, pose, tuple(found), _inertial(link.find("inertial"), name))
 

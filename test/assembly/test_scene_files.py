@@ -315,3 +315,30 @@ def test_other_text_is_no_number(written):
     pose = yaml.safe_load(f"[{written}, 0, 0, 0, 0, 0, 1]")
     with pytest.raises(InputError, match="expected a number"):
         read_object({"id": "a", "box": [1, 1, 1], "mass": 1, "pose": pose})
+
+
+def test_a_covariance_may_be_given_in_rows(tmp_path):
+    rng = np.random.default_rng(3)
+    roots = rng.normal(size=(6, 6)) * 1e-3, rng.normal(size=(10, 10)) * 1e-3
+    pose, inertial = (root @ root.T for root in roots)
+    entry = {"id": "can", "cylinder": [0.05, 0.2], "mass": 0.7}
+    flat = read_object({**entry, "pose_covariance": pose.ravel().tolist(), "covariance": inertial.ravel().tolist()})
+    rows = read_object({**entry, "pose_covariance": pose.tolist(), "covariance": inertial.tolist()})
+    np.testing.assert_array_equal(rows.pose_covariance, flat.pose_covariance)
+    np.testing.assert_array_equal(rows.covariance, flat.covariance)
+    with pytest.raises(InputError, match=r"pose_covariance, row 2: expected 6 numbers"):
+        read_object({**entry, "pose_covariance": [*pose.tolist()[:2], [1, 2], *pose.tolist()[3:]]})
+    lopsided = pose.copy()
+    lopsided[0, 1] += 1e-3
+    with pytest.raises(InputError, match="symmetric"):
+        read_object({**entry, "pose_covariance": lopsided.tolist()})
+
+
+def test_a_scene_file_is_one_document(tmp_path):
+    path = tmp_path / "two.yaml"
+    path.write_text("objects: []\n---\nobjects: []\n")
+    with pytest.raises(InputError, match="several documents"):
+        load_scene(path)
+    path.write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"not YAML: .*nest"):
+        load_scene(path)

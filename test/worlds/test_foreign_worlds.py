@@ -1,5 +1,6 @@
 """What files of other programs have that was not expected: planes that are walls, no mass, small capsules."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -60,3 +61,41 @@ def test_round_solids_of_any_size_are_closed(radius: float) -> None:
         volume = np.pi * radius**2 * (length + 4 / 3 * radius)
         assert capsule(radius, length).volume == pytest.approx(volume, rel=1e-2)
         assert cone(radius, length).volume == pytest.approx(np.pi * radius**2 * length / 3, rel=1e-2)
+
+
+RVIZ = "scene\n* b\n0 0 0\n0 0 0 1\n1\n{}\n0 0 0\n0 0 0 1\n0 0 0 0\n0\n.\n"
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ("box\n0.1 0.1", "2 sizes, expected 3"),
+        ("sphere\n0.1 0.2", "2 sizes, expected 1"),
+        ("cylinder\n0.1", "1 sizes, expected 2"),
+        ("cone\n", "0 sizes, expected 2"),
+        ("mesh\n3", "ends early"),
+    ],
+)
+def test_a_shape_in_the_text_of_rviz_has_all_its_sizes(tmp_path: Path, shape: str, message: str) -> None:
+    path = tmp_path / "a.scene"
+    path.write_text(RVIZ.format(shape))
+    with pytest.raises(InputError, match=message):
+        read_world(path, floor=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("primitive", "message"),
+    [
+        ({"type": 1, "dimensions": [0.1, 0.1]}, "2 sizes, expected 3"),
+        ({"type": 2, "dimensions": []}, "0 sizes, expected 1"),
+        ({"type": 3, "dimensions": [0.1]}, "1 sizes, expected 2"),
+        ({"type": 4, "dimensions": [0.1, 0.2, 0.3]}, "3 sizes, expected 2"),
+        ({"type": 1, "dimensions": ["x", 1, 1]}, "not a PlanningScene"),
+    ],
+)
+def test_a_primitive_of_a_message_has_all_its_sizes(tmp_path: Path, primitive: object, message: str) -> None:
+    path = tmp_path / "a.json"
+    item = {"header": {"frame_id": "w"}, "id": "b", "primitives": [primitive]}
+    path.write_text(json.dumps({"world": {"collision_objects": [item]}}))
+    with pytest.raises(InputError, match=message):
+        read_world(path, floor=-1.0)

@@ -44,8 +44,9 @@ def way_out(
 ) -> WayOut:
     """A direction along which an object can be moved out of the assembly, or what has to go before.
 
-    Straight lines are tried: against gravity, away from each contact and from all of them, level, and between level and
-    upwards. On the way the object may overlap others by the margin, as it may at rest.
+    Straight lines are tried: against gravity, away from each contact and from all of them, level, between level and
+    upwards, and along the axes of what it touches, since a rack may be turned in any way. On the way the object may
+    overlap others by the margin, as it may at rest.
 
     Args:
         assembly: all objects that are still there.
@@ -114,7 +115,11 @@ def _directions(assembly: Assembly, interfaces: Sequence[Interface], place: int)
     turns = 2 * np.pi * np.arange(_SIDES) / _SIDES
     level = [np.cos(turn) * across[0] + np.sin(turn) * across[1] for turn in turns]
     together = [unit(sum(away, np.zeros(3)))] if away and np.linalg.norm(sum(away, np.zeros(3))) > 1e-6 else []
-    wanted = [up, *together, *away, *level, *(unit(side + up) for side in level)]
+    touched = {i.first if i.second == place else i.second for i in interfaces if place in (i.first, i.second)}
+    axes = [
+        sign * axis for other in sorted(touched) for axis in assembly.objects[other].pose.rotation.T for sign in (1, -1)
+    ]
+    wanted = [up, *together, *away, *level, *(unit(side + up) for side in level), *axes]
     kept: list[Array] = []
     for direction in wanted:
         if all(float(direction @ other) < 1 - 1e-6 for other in kept):

@@ -1,7 +1,7 @@
 """Scene files: YAML in, an `Assembly` out, and back."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from poise.assembly.scene.mesh_files import load_mesh
 from poise.assembly.scene.scene import ROLLING, Assembly, FrictionPair, RigidObject, check_density
 from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape, Sphere
 from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
+from poise.files import write_whole, yaml_documents
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.ranges import check_range
 from poise.types import Array
@@ -62,13 +62,21 @@ def load_scene(path: str | Path) -> Assembly:
             raise InputError(
                 ErrorCode.FILE_CORRUPT, f"{path}: larger than {_MAX_BYTES // 1_000_000} MB; is it a scene?"
             )
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = _only(yaml_documents(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: not YAML: {reason}") from error
     return read_scene(content, folder=path.parent)
+
+
+def _only(documents: Iterator[Any]) -> Any:
+    """The one document of a file; None for an empty one."""
+    content = next(documents, None)
+    if next(documents, None) is not None:
+        raise yaml.YAMLError("it has several documents (---); a scene is one")
+    return content
 
 
 def read_scene(content: Any, folder: Path = Path()) -> Assembly:
@@ -121,7 +129,7 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
         mass=_number(entry.get("mass", 0.0), f"{where}: mass"),
         com=_numbers(entry["com"], 3, f"{where}: com") if "com" in entry else None,
         inertia=inertia,
-        covariance=None if covariance is None else _numbers(covariance, 100, f"{where}: covariance").reshape(10, 10),
+        covariance=None if covariance is None else _square(covariance, 10, f"{where}: covariance"),
         pose_covariance=_pose_covariance(entry, where),
     )
     check_density(item)
@@ -268,7 +276,7 @@ def _pose_covariance(entry: Mapping[str, Any], where: str) -> Array | None:
     if "pose_std" in entry:
         return _pose_std(entry["pose_std"], f"{where}: pose_std")
     if "pose_covariance" in entry:
-        return _numbers(entry["pose_covariance"], 36, f"{where}: pose_covariance").reshape(6, 6)
+        return _square(entry["pose_covariance"], 6, f"{where}: pose_covariance")
     return None
 
 
@@ -326,3 +334,11 @@ def _numbers(value: Any, count: int, where: str) -> Array:
     if not np.all(np.isfinite(numbers)):
         raise InputError(ErrorCode.NOT_FINITE, f"{where}: {value} has an entry that is not finite")
     return numbers
+
+
+def _square(value: Any, size: int, where: str) -> Array:
+    """(n, n) from n rows, or from all numbers in one list."""
+    rows = isinstance(value, list) and len(value) == size and all(isinstance(row, list) for row in value)
+    if rows:
+        return np.array([_numbers(row, size, f"{where}, row {i}") for i, row in enumerate(value)])
+    return _numbers(value, size * size, where).reshape(size, size)

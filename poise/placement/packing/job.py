@@ -49,6 +49,7 @@ _NAMED = 5
 REFUSALS = {
     "orientation": "no axis that may point up is opposite to a face that it stands on",
     "would_roll": "it would roll",
+    "no_way_in": "where there is room, no straight way leads there",
     "would_tip": "it would tip easily",
     "too_large": "larger than the container in each orientation that is allowed",
     "under_lid": "it does not fit under the lid",
