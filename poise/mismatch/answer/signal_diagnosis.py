@@ -129,7 +129,7 @@ def examined_signal(
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, best, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
-    left = unknown_physics(final, best, rest, proof)
+    left = unknown_physics(final, best, rest)
     beside = "" if left is None else next(iter(left.depends_on), "time")
     varied = variations(final, best.parts)
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
@@ -143,7 +143,7 @@ def examined_signal(
         best=best,
         search=state,
         findings=(*(each for each in named if each not in unnamed), *detected),
-        unknown=unknown_physics(final, best, rest, proof, undetermined(final, unnamed)),
+        unknown=unknown_physics(final, best, rest, undetermined(final, unnamed)),
         residual_test=rest,
         windows=locate(final.recorded, off, final.noise, final.channels),
         calibration=calibration_estimates(final, best),

@@ -9,7 +9,6 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import (
     Dependence,
     DependenceCurve,
-    HeldOutProof,
     HypothesisFit,
     Problem,
     allowed_excess,
@@ -19,9 +18,6 @@ from poise.mismatch.inference import (
 
 _LEAST_NAMED = 0.45
 """Probability below which an effect is not named: all other causes together are likelier."""
-_UNPREDICTED = 0.75
-"""Energy above that of noise that named effects may leave on samples outside their fit. Effects with true names left at
-most 0.56 in 150 recordings of three generators."""
 _NEGLIGIBLE = 0.1
 """Probability of an effect and all its rivals below which they explain nothing, if the rest is noise without them."""
 
@@ -69,26 +65,20 @@ def likelihoods(effect: NamedEffect) -> str:
 
 
 def unknown_physics(
-    problem: Problem,
-    best: HypothesisFit,
-    rest: ResidualTest,
-    proof: HeldOutProof,
-    unnamed: Sequence[NamedEffect] = (),
+    problem: Problem, best: HypothesisFit, rest: ResidualTest, unnamed: Sequence[NamedEffect] = ()
 ) -> UnknownPhysics | None:
     """What no name of an answer explains; None where nothing is left.
 
     Args:
         problem, best: the signal and the fit of the answer.
         rest: the test of its residual.
-        proof: its errors on samples that were not fitted.
         unnamed: effects of the fit that are not named.
     """
     parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
     if not parts and not rest.structured:
         said = "; ".join(likelihoods(each) for each in unnamed)
-        if unnamed:
-            return UnknownPhysics((), f"Something acts that this recording does not determine; it may be {said}.", None)
-        return _unpredicted(proof) if best.parts else None
+        sentence = f"Something acts that this recording does not determine; it may be {said}."
+        return UnknownPhysics((), sentence, None) if unnamed else None
     depends = list(dict.fromkeys(part.effect.state for part in parts if isinstance(part.effect, Dependence)))
     depends += [state for state in rest.depends_on if state not in depends and not parts]
     first = parts[0] if parts else None
@@ -112,14 +102,3 @@ def unknown_physics(
         f"than the sensor's noise may have; it correlates with {what}."
     )
     return UnknownPhysics(tuple(depends), sentence, None)
-
-
-def _unpredicted(proof: HeldOutProof) -> UnknownPhysics | None:
-    """An answer that fits, and that does not predict: other effects of the library fit one recording, too."""
-    if not proof.excess > _UNPREDICTED:  # also where no sample was held out
-        return None
-    sentence = (
-        f"The effects that were found leave {proof.augmented:.2g} times the noise on samples outside the fit: they "
-        "describe the cause incompletely, or it is outside the library. Record a longer motion."
-    )
-    return UnknownPhysics(("time",), sentence, None)
