@@ -5,8 +5,12 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.types import Array
+
+_MOST = 3000
+"""Geoms whose pairs are examined: the matrices then take 0.3 GB."""
 
 
 def mjcf_friction(
@@ -30,13 +34,18 @@ def mjcf_friction(
     notes = []
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         notes.append("contacts are switched off in the file, which is left out: bodies touch here")
-    numbers = np.array(geoms, dtype=int)
+    numbers, names = np.array(geoms, dtype=int), list(dict.fromkeys(owners))
+    special = override or bool(np.any(model.geom_condim[numbers] == 1) or np.any(model.geom_priority[numbers] != 0))
+    masks = np.unique(np.column_stack([model.geom_contype[numbers], model.geom_conaffinity[numbers]]), axis=0)
+    if not special and np.all(_touching(*masks.T)):
+        return {}, notes
+    if len(numbers) > _MOST:
+        notes.append(f"masks, priority and condim of more than {_MOST} geoms are left out: the rougher surface counts")
+        return {}, notes
     friction, touching = _of_geoms(model, numbers, override)
-    names = list(dict.fromkeys(owners))
     index = np.array([names.index(owner) for owner in owners], dtype=int)
     least = np.full((len(names), len(names)), np.inf)
     np.minimum.at(least, (index[:, None], index[None, :]), np.where(touching, friction, np.inf))
-    special = override or bool(np.any(model.geom_condim[numbers] == 1) or np.any(model.geom_priority[numbers] != 0))
     pairs, passing = {}, list[str]()
     for one, other in combinations(range(len(names)), 2):
         if names[one] not in movable and names[other] not in movable:
@@ -55,12 +64,16 @@ def _of_geoms(model: Any, numbers: Array, override: bool) -> tuple[Array, Array]
     """(n, n): the coefficient of each two geoms, and whether their masks let them touch."""
     friction, dimensions = model.geom_friction[numbers, 0], model.geom_condim[numbers]
     rank, kind, affinity = model.geom_priority[numbers], model.geom_contype[numbers], model.geom_conaffinity[numbers]
-    touching = (kind[:, None] & affinity[None, :]) | (affinity[:, None] & kind[None, :])
     ahead, behind = rank[:, None] > rank[None, :], rank[:, None] < rank[None, :]
 
     def of_two(value: Array) -> Array:
         greater = np.maximum(value[:, None], value[None, :])
         return np.where(ahead, value[:, None], np.where(behind, value[None, :], greater))
 
-    found = np.full(touching.shape, min(model.opt.o_friction[:2])) if override else of_two(friction)
-    return np.where(of_two(dimensions) == 1, 0.0, found), touching != 0
+    found = np.full((len(numbers),) * 2, min(model.opt.o_friction[:2])) if override else of_two(friction)
+    return np.where(of_two(dimensions) == 1, 0.0, found), _touching(kind, affinity)
+
+
+def _touching(kind: NDArray[np.int64], affinity: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n, n) whether the masks of two geoms let them touch."""
+    return np.asarray(((kind[:, None] & affinity[None, :]) | (affinity[:, None] & kind[None, :])) != 0)
