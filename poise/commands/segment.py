@@ -90,10 +90,7 @@ def segment(
         how = segmentation_options(parts, 0.0 if mesh is not None else noise)
         cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt, air=read.air)
         found = cut(read.points, shades(colour, read.colours), how)
-        seconds = time.perf_counter() - start
-    answer = as_json(cloud, read, found, seconds)
-    if mesh is not None:
-        answer |= of_mesh(mesh, found) | {"notes": [*read.notes, *notes_of_mesh(mesh, found)]}
+    answer = as_json(cloud, read, found, time.perf_counter() - start) | of_mesh(mesh, read, found)
     for note in answer["notes"]:
         warn(note)
     write_json(json_target, answer)
@@ -103,7 +100,7 @@ def segment(
         *([] if picture is None else [write_picture(picture, found, cloud.stem)]),
     ]
     people.print(_table(cloud, answer))
-    people.print(f"{_words(read, mesh, found)}, {seconds:.2f} s")
+    people.print(f"{_words(read, mesh, found)}, {answer['seconds']:.2f} s")
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
@@ -130,13 +127,19 @@ def shades(colour: str, colours: Array | None) -> Array | None:
     return colours if colour == "on" else None
 
 
-def of_mesh(mesh: CheckedMesh, found: Segmentation) -> dict[str, Any]:
-    """What is exact for a mesh: its volume, which the parts share; and a label per triangle."""
+def of_mesh(mesh: CheckedMesh | None, read: Cloud, found: Segmentation) -> dict[str, Any]:
+    """What is exact for a mesh: its volume, which the parts share; a label per triangle; and its own notes.
+
+    Empty for a cloud.
+    """
+    if mesh is None:
+        return {}
     nearest = cKDTree(found.solid.vertices).query(mesh.vertices[mesh.triangles].mean(axis=1))[1]
     labels = np.zeros(len(found.solid.vertices), dtype=np.int64)
     labels[found.solid.tetrahedra] = found.tetrahedron_labels[:, None]
     volumes = found.volumes * mesh.volume / found.solid.volume
-    return {"labels": labels[nearest], "volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
+    exact = {"volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
+    return {"labels": labels[nearest], **exact, "notes": [*read.notes, *notes_of_mesh(mesh, found)]}
 
 
 def notes_of_mesh(mesh: CheckedMesh, found: Segmentation) -> list[str]:
