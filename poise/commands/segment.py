@@ -9,6 +9,8 @@ import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from poise.commands.output import console, refuse_folders, warn, write_json
@@ -25,6 +27,9 @@ from poise.shape import (
 )
 from poise.shape import segment as segment_cloud
 from poise.types import Array
+
+_PARTS_OFF = 0.1
+"""Of a mesh's volume, by which the solid in which its parts were found may be off without a note."""
 
 CloudArgument = Annotated[
     Path,
@@ -85,17 +90,17 @@ def segment(
         how = segmentation_options(parts, 0.0 if mesh is not None else noise)
         cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt, air=read.air)
         found = cut(read.points, shades(colour, read.colours), how)
-        seconds = time.perf_counter() - start
-    for note in (*read.notes, *found.notes):
+    answer = as_json(cloud, read, found, time.perf_counter() - start) | of_mesh(mesh, read, found)
+    for note in answer["notes"]:
         warn(note)
-    write_json(json_target, as_json(cloud, read, found, seconds) | ({} if mesh is None else of_mesh(mesh, found)))
+    write_json(json_target, answer)
     written = [
         *([] if ply is None else [write_whole(ply, labelled_ply(read.points, found.labels))]),
         *([] if surface is None else [write_whole(surface, surface_ply(found))]),
         *([] if picture is None else [write_picture(picture, found, cloud.stem)]),
     ]
-    people.print(_table(cloud, found))
-    people.print(f"{_words(read, mesh, found)}, {seconds:.2f} s")
+    people.print(_table(cloud, answer))
+    people.print(f"{_words(read, mesh, found)}, {answer['seconds']:.2f} s")
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
@@ -122,13 +127,39 @@ def shades(colour: str, colours: Array | None) -> Array | None:
     return colours if colour == "on" else None
 
 
-def of_mesh(mesh: CheckedMesh, found: Segmentation) -> dict[str, Any]:
-    """What is exact for a mesh: its volume, which the parts share; and a label per triangle."""
+def of_mesh(mesh: CheckedMesh | None, read: Cloud, found: Segmentation) -> dict[str, Any]:
+    """What is exact for a mesh: its volume, which the parts share; a label per triangle; and its own notes.
+
+    Empty for a cloud.
+    """
+    if mesh is None:
+        return {}
     nearest = cKDTree(found.solid.vertices).query(mesh.vertices[mesh.triangles].mean(axis=1))[1]
     labels = np.zeros(len(found.solid.vertices), dtype=np.int64)
     labels[found.solid.tetrahedra] = found.tetrahedron_labels[:, None]
     volumes = found.volumes * mesh.volume / found.solid.volume
-    return {"labels": labels[nearest], "volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
+    exact = {"volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
+    return {"labels": labels[nearest], **exact, "notes": [*read.notes, *notes_of_mesh(mesh, found)]}
+
+
+def notes_of_mesh(mesh: CheckedMesh, found: Segmentation) -> list[str]:
+    """What to read the parts of a mesh with: what is said of a cloud's volume and noise does not hold for it."""
+    corners, count = mesh.vertices[mesh.triangles], len(mesh.vertices)
+    ends = mesh.triangles[:, :2].T.ravel(), mesh.triangles[:, 1:].T.ravel()
+    joined = coo_array((np.ones(len(ends[0])), ends), (count, count))
+    number = connected_components(joined, directed=False)[1][mesh.triangles[:, 0]]
+    signed = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    bodies = int(np.count_nonzero(np.bincount(number, signed) > 0))  # cavities are negative
+    notes = []
+    if bodies > 1:
+        notes.append(f"the mesh has {bodies} bodies that do not touch; if they are several objects, give one")
+    off = found.solid.volume / mesh.volume - 1
+    if abs(off) > _PARTS_OFF:
+        notes.append(
+            f"parts were found on a solid that is {abs(off):.0%} {'larger' if off > 0 else 'smaller'} than the mesh,"
+            " and share its volume: each of them may be as far off"
+        )
+    return notes
 
 
 def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> dict[str, Any]:
@@ -160,12 +191,12 @@ def write_picture(path: Path, found: Segmentation, title: str) -> Path:
     return write_whole(path, draw_parts([(title, found)], path.suffix))
 
 
-def _table(path: Path, found: Segmentation) -> Table:
-    total, spread = found.solid.volume * 1e6, found.solid.volume_std * 1e6
+def _table(path: Path, answer: dict[str, Any]) -> Table:
+    total, spread = answer["volume"] * 1e6, answer["volume_std"] * 1e6
     table = Table(title=escape(f"{path.name}: {total:.4g} ± {spread:.2g} cm3"), title_justify="left")
     for heading in ("part", "cm3", "share", "centroid x", "y", "z mm"):
         table.add_column(heading, justify="right")
-    for part, (volume, centroid) in enumerate(zip(found.volumes, found.centroids, strict=True)):
+    for part, (volume, centroid) in enumerate(zip(answer["part_volumes"], answer["part_centroids"], strict=True)):
         middle = (f"{1e3 * value:.1f}" for value in centroid)
-        table.add_row(str(part), f"{volume * 1e6:.4g}", f"{volume / found.solid.volume:.1%}", *middle)
+        table.add_row(str(part), f"{volume * 1e6:.4g}", f"{volume / answer['volume']:.1%}", *middle)
     return table

@@ -6,7 +6,8 @@
 - `poses`, `placing`: from joint states, URDF and hand-eye transform, or from tf, to camera poses.
 - `support`: the table, and the objects on it. `looking`: depth images at given points.
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
-- `flatness`: how well views agree about the table. `causes`: why they disagree.
+- `flatness`: how well views agree about the table. `corners`: whether they see it lower beside the object. `causes`:
+  why they disagree.
 - `observing`: what views show with the poses that they have. `shared_errors`, `pose_doubt`: errors of these poses.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.

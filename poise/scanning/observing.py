@@ -128,9 +128,11 @@ def _fused(
     except InputError:  # nothing is to be seen there
         if as_it_is is None:
             raise
+    # After a push so far views disagree about much; not so where the object looks alike after the motion, as a wheel.
+    least = _BETTER if move.distance > FAR_MOVED else 0.0
     if (
         as_it_is is not None
-        and (together is None or together.agreed <= as_it_is.agreed)
+        and (together is None or together.agreed <= as_it_is.agreed + least)
         and as_it_is.agreed > AGREED_WELL
     ):
         return views, footprint, as_it_is, []

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
+from poise.scanning.corners import pushed_back, sunken
 from poise.scanning.depth_scale import rescaled
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, fuse
@@ -55,9 +56,10 @@ class Scan:
         moved: m, the most that a pose was moved at the object.
         agreed: share of the surface that the views agree on.
         notes: what to read it with, one sentence each.
-        doubt: (N,) m, one sigma of where completed points are, and of where the poses may have put all seen ones; None:
-            as `poise.shape` takes it.
+        doubt: (N,) m, one sigma of where completed points are, and of where the poses and corners may have put all seen
+            ones; None: as `poise.shape` takes it.
         air: (K, 3) m, places near the surface that views look through, on a grid; None: not known.
+        posed: m, one sigma of where the poses may have put the seen points.
     """
 
     points: Array
@@ -72,6 +74,7 @@ class Scan:
     notes: tuple[str, ...] = ()
     doubt: Array | None = None
     air: Array | None = None
+    posed: float = 0.0
 
     def __repr__(self) -> str:
         return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
@@ -120,7 +123,8 @@ def scan(
     check_depth(views, options)
     reach(0.0)
     found, said = _best(views, Path.of(views, delayed), options, reach)
-    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt)
+    low = sunken(found.views, found.footprint, options.farthest)
+    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt) + _late(low)
     if surface.agreed < AGREED_WELL:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     if surface.sparse:
@@ -136,10 +140,10 @@ def scan(
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
-    doubt = None if hidden is None else _doubt(len(surface.points), found, hidden.doubt)
+    doubt = None if hidden is None else _doubt(len(surface.points), found, pushed_back(low), hidden.doubt)
     air = None if hidden is None or found.pushed else hidden.air
     counts = found.n_objects, len(found.views), found.moved
-    return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt, air)
+    return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt, air, found.doubt.sigma)
 
 
 def _best(
@@ -232,12 +236,15 @@ def _agreeing(
     return replace(found, notes=[*found.notes, note])
 
 
-def _doubt(n_seen: int, found: Observed, completed: Array) -> Array:
-    """(N,) doubt of each point.
+def _doubt(n_seen: int, found: Observed, pushed_back: float, completed: Array) -> Array:
+    """(N,) doubt of each point, of which the seen ones may be off by the poses, and pushed back so many m by corners.
 
     After a push half of the views are where they were fitted to, and shapes are less certain.
     """
-    return np.append(np.full(n_seen, found.doubt.sigma), np.maximum(completed, HIDDEN_OFF if found.pushed else 0.0))
+    return np.append(
+        np.full(n_seen, np.hypot(found.doubt.sigma, pushed_back)),
+        np.maximum(completed, HIDDEN_OFF if found.pushed else 0.0),
+    )
 
 
 def _uncertain(doubt: SurfaceDoubt) -> list[str]:
@@ -248,6 +255,17 @@ def _uncertain(doubt: SurfaceDoubt) -> list[str]:
         f"by what views of the same surface disagree about, all of it may be off by {1e3 * doubt.sigma:.1f} mm, which"
         " volume_std includes: the hand-eye transform, the scale of depth or the clocks do not fit (poise calibrate);"
         " views from high and low distinguish them"
+    ]
+
+
+def _late(low: float) -> list[str]:
+    """A note where the table is seen lower, by so many m, beside the object."""
+    if not low:
+        return []
+    return [
+        f"the table is seen {1e3 * low:.1f} mm lower beside the object than elsewhere: depth is too long in corners, as"
+        " a time-of-flight camera's, and the object is likely larger than it is seen, by an amount that volume_std"
+        " includes; take another kind of camera, or a matt dark table"
     ]
 
 
@@ -270,7 +288,7 @@ def scan_sweep(
         cause = likely_cause(sweep, up, options.farthest, poses) if error.data.get("disagree") else ""
         raise (InputError(error.code, f"{error.message}; {cause}", **error.data) if cause else error) from error
     doubtful = found.plane.thickness > THICK or found.moved > FAR_MOVED or found.agreed < AGREED_WELL
-    poses = found.doubt is not None and bool(found.doubt[0] >= _UNCERTAIN)
+    poses = found.posed >= _UNCERTAIN
     cause = likely_cause(sweep, up, options.farthest, poses) if doubtful else ""
     return replace(found, notes=(*found.notes, cause)) if cause else found
 

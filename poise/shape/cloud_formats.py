@@ -13,6 +13,8 @@ from poise.types import Array, Mask
 
 MAX_POINTS = 5_000_000
 _MAX_HEADER = 65_536
+_BLANK = b"\0\r\n\t \x1a"
+"""Bytes that may follow the last point."""
 _PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
@@ -95,6 +97,8 @@ def read_ply(content: bytes, name: str) -> CloudTable:
     columns, rest = read_ply_vertices(content, header, name)
     n_faces = next((number for element, number, _ in header.elements if element == "face"), 0)
     table = _table(columns, name, n_faces)
+    if len(header.elements) == 1:
+        _refuse_more(rest, header.elements[0][1], name)
     if [element for element, *_ in header.elements[1:2]] != ["air"]:
         return table
     places, _ = _ply_columns(rest, header, 1, name)
@@ -149,17 +153,20 @@ def read_pcd(content: bytes, name: str) -> CloudTable:
     encoding, body = start.group(1), content[start.end() :]
     packed = next((column for column in ("rgb", "rgba") if column in names), "")
     if encoding == b"ascii":
-        columns = _text_columns(body, names, count, name)
+        columns, body = _text_columns(body, names, count, name), b"".join(body.split(b"\n", count)[count:])
         if dict(zip(names, kinds, strict=True)).get(packed) == "<f4":
             columns[packed] = columns[packed].astype("<f4").view("<u4")
     elif encoding == b"binary":
         columns = _binary_columns(body, names, kinds, count, name)
+        body = body[count * sum(np.dtype(kind).itemsize for kind in kinds) :]
     elif encoding == b"binary_compressed":
         columns = _packed_columns(body, names, kinds, count, name)
+        body = b""
     else:
         raise InputError(
             ErrorCode.UNSUPPORTED, f"{name}: DATA {encoding.decode()} is not read; save it as binary or ascii"
         )
+    _refuse_more(body, count, name)
     if packed:
         columns |= _channels(columns.pop(packed))
     return _table(columns, name)
@@ -246,6 +253,12 @@ def _count(word: str, name: str) -> int:
     if not word.isdecimal() or len(word) > 9 or int(word) > MAX_POINTS:
         raise corrupt(name, f"it says that it holds {word[:20]} points; at most {MAX_POINTS} are read")
     return int(word)
+
+
+def _refuse_more(rest: bytes, count: int, name: str) -> None:
+    """Refuse points after the last one that a header states: an answer from the first ones would not show it."""
+    if rest.strip(_BLANK):
+        raise corrupt(name, f"it goes on after the {count} points that its header states")
 
 
 def _text_columns(body: bytes, names: list[str], count: int, name: str) -> dict[str, NDArray[np.generic]]:

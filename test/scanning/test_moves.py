@@ -1,7 +1,7 @@
 """An object that is pushed once during a sweep is reported and corrected; and healthy sweeps, in two worlds."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 
 import numpy as np
@@ -136,3 +136,14 @@ def test_a_hand_near_the_lens_is_not_a_part_of_the_object():
     assert not reported(found)
     assert found.n_objects == 2  # and a note says which one was taken
     np.testing.assert_allclose(np.ptp(found.points, axis=0), BRICK, atol=6e-3)
+
+
+def test_a_turn_after_which_the_object_looks_alike_is_no_push(monkeypatch):
+    """A brick turned by a half: views agree before and after it alike, so that nothing says that it moved."""
+    views = tuple(foreign(brick_views(), 1e-3, seed=11))
+    half = Rotation.from_euler("z", 180, degrees=True).as_matrix()
+    for first in (8, 12, 16):
+        wrong = ObjectMove(views[first].frame.stamp, 2.0, half, np.zeros(3), 0.07, np.pi)
+        found_move = partial(lambda move, *_: move, wrong)
+        monkeypatch.setattr(import_module("poise.scanning.observing"), "find_move", found_move)
+        assert not reported(scan(views))

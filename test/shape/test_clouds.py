@@ -157,6 +157,17 @@ def test_bad_files_are_refused_with_a_code(name: str, tmp_path: Path) -> None:
     assert name in refused.value.message
 
 
+@pytest.mark.parametrize("content", [ply("ascii"), ply("binary_big_endian"), pcd("ascii"), pcd("binary")])
+def test_points_after_those_that_the_header_states_are_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / ("cloud.ply" if content.startswith(b"ply") else "cloud.pcd")
+    path.write_bytes(content + b"\n")  # an empty line is no point
+    assert read_cloud(path).points == pytest.approx(POINTS)
+    path.write_bytes(content.replace(b"vertex 4", b"vertex 2").replace(b"POINTS 4", b"POINTS 2"))
+    with pytest.raises(InputError, match="goes on after the 2 points") as refused:
+        read_cloud(path)
+    assert refused.value.code == ErrorCode.FILE_CORRUPT
+
+
 def test_a_file_that_is_not_there_and_pickled_arrays_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_cloud(tmp_path / "nowhere.ply")

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,6 +123,34 @@ def test_the_written_surface_is_read_back_closed_with_its_volume(tmp_path: Path)
     )
     mesh = trimesh.load(path, process=False)
     assert mesh.volume == pytest.approx(json.loads((tmp_path / "a.json").read_text())["volume"])
+
+
+def _answer_of_mesh(parts: list[tuple[tuple[float, float, float], float, bool]], tmp_path: Path) -> dict[str, Any]:
+    """What is answered for boxes: their sides and place along x, m, and whether they are cavities."""
+    trimesh = pytest.importorskip("trimesh")
+    bodies = [trimesh.creation.box(sides) for sides, _, _ in parts]
+    for body, (_, place, cavity) in zip(bodies, parts, strict=True):
+        body.apply_translation([place, 0.0, 0.0])
+        if cavity:
+            body.invert()
+    trimesh.util.concatenate(bodies).export(tmp_path / "m.stl")
+    assert run(["segment", str(tmp_path / "m.stl"), "--json", str(tmp_path / "m.json")]) == 0
+    answer: dict[str, Any] = json.loads((tmp_path / "m.json").read_text())
+    return answer
+
+
+def test_notes_on_a_mesh_do_not_doubt_its_exact_volume(tmp_path: Path) -> None:
+    """A box with a cavity, of which a cloud says that it may be a hollow, uncertain by a half."""
+    answer = _answer_of_mesh([((0.06, 0.05, 0.04), 0.0, False), ((0.04, 0.03, 0.02), 0.0, True)], tmp_path)
+    assert answer["volume"] == pytest.approx(0.06 * 0.05 * 0.04 - 0.04 * 0.03 * 0.02, rel=1e-5)
+    assert answer["volume_std"] == 0.0
+    assert not [note for note in answer["notes"] if "uncertain" in note or "noise" in note or "bodies" in note]
+
+
+def test_bodies_of_a_mesh_that_do_not_touch_are_counted(tmp_path: Path) -> None:
+    """Also where the gap is narrower than what parts are found by."""
+    answer = _answer_of_mesh([((0.06, 0.05, 0.04), 0.061 * i, False) for i in range(3)], tmp_path)
+    assert [note for note in answer["notes"] if note.startswith("the mesh has 3 bodies that do not touch")]
 
 
 @pytest.mark.parametrize("height", [-0.0199, 0.0, 0.0199])
