@@ -60,7 +60,7 @@ def mjcf_friction(
     return pairs, notes
 
 
-def _of_geoms(model: Any, numbers: Array, override: bool) -> tuple[Array, Array]:
+def _of_geoms(model: Any, numbers: Array, override: bool) -> tuple[Array, NDArray[np.bool_]]:
     """(n, n): the coefficient of each two geoms, and whether their masks let them touch."""
     friction, dimensions = model.geom_friction[numbers, 0], model.geom_condim[numbers]
     rank, kind, affinity = model.geom_priority[numbers], model.geom_contype[numbers], model.geom_conaffinity[numbers]
