@@ -1,7 +1,6 @@
 """The short interface of `import poise`: one function per job; each takes paths or objects that are already loaded."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from poise.placement import Options, Placement, plan_placement
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
 from poise.scanning import Scan, SweepOptions, read_sweep, scan_sweep
-from poise.shape import Segmentation, SegmentationOptions, read_surface
+from poise.shape import Segmentation, read_surface, segment_surface
 from poise.shape import segment as _segment
 from poise.types import Array
 
@@ -82,9 +81,7 @@ def segment(cloud: Source | Array, colours: Array | None = None) -> Segmentation
     """
     if isinstance(cloud, str | Path):
         found, mesh = read_surface(Path(cloud))
-        how = SegmentationOptions(noise=None if mesh is None else 0.0)
-        cut = partial(_segment, normals=found.normals, seen=found.seen, doubt=found.doubt, air=found.air)
-        return cut(found.points, found.colours, how)
+        return segment_surface(found, mesh, colours=found.colours)
     return _segment(cloud, colours)
 
 

@@ -1,17 +1,12 @@
 """`poise segment`: the parts of an object, from a cloud of points on its surface."""
 
 import time
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from poise.commands.output import console, refuse_folders, warn, write_json
 from poise.errors import ErrorCode, InputError
@@ -23,13 +18,10 @@ from poise.shape import (
     SegmentationOptions,
     labelled_ply,
     read_surface,
+    segment_surface,
     surface_ply,
 )
-from poise.shape import segment as segment_cloud
 from poise.types import Array
-
-_PARTS_OFF = 0.1
-"""Of a mesh's volume, by which the solid in which its parts were found may be off without a note."""
 
 CloudArgument = Annotated[
     Path,
@@ -87,10 +79,8 @@ def segment(
     with people.status("reading the cloud and cutting it into parts"):
         start = time.perf_counter()
         read, mesh = read_surface(cloud, scale)
-        how = segmentation_options(parts, 0.0 if mesh is not None else noise)
-        cut = partial(segment_cloud, normals=read.normals, seen=read.seen, doubt=read.doubt, air=read.air)
-        found = cut(read.points, shades(colour, read.colours), how)
-    answer = as_json(cloud, read, found, time.perf_counter() - start) | of_mesh(mesh, read, found)
+        found = segment_surface(read, mesh, segmentation_options(parts, noise), shades(colour, read.colours))
+    answer = as_json(cloud, read, found, time.perf_counter() - start)
     for note in answer["notes"]:
         warn(note)
     write_json(json_target, answer)
@@ -127,49 +117,14 @@ def shades(colour: str, colours: Array | None) -> Array | None:
     return colours if colour == "on" else None
 
 
-def of_mesh(mesh: CheckedMesh | None, read: Cloud, found: Segmentation) -> dict[str, Any]:
-    """What is exact for a mesh: its volume, which the parts share; a label per triangle; and its own notes.
-
-    Empty for a cloud.
-    """
-    if mesh is None:
-        return {}
-    nearest = cKDTree(found.solid.vertices).query(mesh.vertices[mesh.triangles].mean(axis=1))[1]
-    labels = np.zeros(len(found.solid.vertices), dtype=np.int64)
-    labels[found.solid.tetrahedra] = found.tetrahedron_labels[:, None]
-    volumes = found.volumes * mesh.volume / found.solid.volume
-    exact = {"volume": mesh.volume, "volume_std": 0.0, "part_volumes": volumes}
-    return {"labels": labels[nearest], **exact, "notes": [*read.notes, *notes_of_mesh(mesh, found)]}
-
-
-def notes_of_mesh(mesh: CheckedMesh, found: Segmentation) -> list[str]:
-    """What to read the parts of a mesh with: what is said of a cloud's volume and noise does not hold for it."""
-    corners, count = mesh.vertices[mesh.triangles], len(mesh.vertices)
-    ends = mesh.triangles[:, :2].T.ravel(), mesh.triangles[:, 1:].T.ravel()
-    joined = coo_array((np.ones(len(ends[0])), ends), (count, count))
-    number = connected_components(joined, directed=False)[1][mesh.triangles[:, 0]]
-    signed = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    bodies = int(np.count_nonzero(np.bincount(number, signed) > 0))  # cavities are negative
-    notes = []
-    if bodies > 1:
-        notes.append(f"the mesh has {bodies} bodies that do not touch; if they are several objects, give one")
-    off = found.solid.volume / mesh.volume - 1
-    if abs(off) > _PARTS_OFF:
-        notes.append(
-            f"parts were found on a solid that is {abs(off):.0%} {'larger' if off > 0 else 'smaller'} than the mesh,"
-            " and share its volume: each of them may be as far off"
-        )
-    return notes
-
-
 def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> dict[str, Any]:
     """The fields of the contract, and what else is known; m and m3."""
     return {
-        "labels": cloud.spread(found.labels),
+        "labels": cloud.spread(found.labels) if found.triangle_labels is None else found.triangle_labels,
         "n_parts": found.n_parts,
-        "volume": found.solid.volume,
+        "volume": found.volume,
         "seconds": seconds,
-        "volume_std": found.solid.volume_std,
+        "volume_std": found.volume_std,
         "volume_if_hollow": found.volume_if_hollow,
         "part_volumes": found.volumes,
         "part_centroids": found.centroids,

@@ -67,6 +67,8 @@ class Segmentation:
         part_colours: (P, 3) 0..1, the median of each part's points, without lighting; None without colours.
         hollow: space that a scan did not see into and that may be empty; None where there is none.
         notes: what to read the answer with, one sentence each.
+        mesh_volume: m3 of the closed mesh on which the points are; None: there is none.
+        triangle_labels: (F,) part of each of its triangles.
     """
 
     solid: Solid
@@ -79,6 +81,8 @@ class Segmentation:
     part_colours: Array | None = None
     hollow: Hollow | None = None
     notes: tuple[str, ...] = ()
+    mesh_volume: float | None = None
+    triangle_labels: Indices | None = None
 
     def __repr__(self) -> str:
         return f"Segmentation({self.n_parts} parts, {1e6 * self.volumes.sum():.4g} cm3, {len(self.labels)} points)"
@@ -103,17 +107,30 @@ class Segmentation:
     def n_parts(self) -> int:
         return int(self.tetrahedron_labels.max()) + 1
 
+    @property
+    def volume(self) -> float:
+        """m3: that of the mesh, if there is one, else that of the solid."""
+        return self.solid.volume if self.mesh_volume is None else self.mesh_volume
+
+    @property
+    def volume_std(self) -> float:
+        """m3, one sigma; 0 for a mesh."""
+        return self.solid.volume_std if self.mesh_volume is None else 0.0
+
     @cached_property
     def volumes(self) -> Array:
-        """(P,) m3."""
-        return np.bincount(self.tetrahedron_labels, self.solid.volumes, minlength=self.n_parts).astype(np.float64)
+        """(P,) m3; their sum is `volume`."""
+        sums = np.bincount(self.tetrahedron_labels, self.solid.volumes, minlength=self.n_parts).astype(np.float64)
+        return sums if self.mesh_volume is None else sums * (self.mesh_volume / self.solid.volume)
 
     @cached_property
     def centroids(self) -> Array:
         """(P, 3) m."""
-        first = self.solid.volumes[:, None] * self.solid.centroids
-        sums = [np.bincount(self.tetrahedron_labels, first[:, axis], minlength=self.n_parts) for axis in range(3)]
-        return np.stack(sums, axis=1) / self.volumes[:, None]
+        sums = [
+            np.bincount(self.tetrahedron_labels, self.solid.volumes * weight, minlength=self.n_parts)
+            for weight in (*self.solid.centroids.T, np.ones(len(self.solid.volumes)))
+        ]
+        return np.stack(sums[:3], axis=1) / sums[3][:, None]
 
     @cached_property
     def surface(self) -> tuple[Indices, Indices]:

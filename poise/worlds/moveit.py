@@ -52,7 +52,10 @@ class MoveItFormat(WorldFormat):
 
     def written(self, assembly: Assembly, path: Path) -> tuple[bytes, tuple[str, ...]]:
         """See `WorldFormat`: the text of RViz, or for `.json` a PlanningScene that adds the objects (`is_diff`)."""
-        lost = ("MoveIt knows neither masses nor friction",)
+        lost: tuple[str, ...] = ("MoveIt knows neither masses nor friction",)
+        if not np.allclose(assembly.gravity, WorldContent(()).gravity, atol=0.01):
+            along = ", ".join(f"{value:.4g}" for value in assembly.gravity)
+            lost += (f"MoveIt has no gravity: this scene has ({along}) m/s2, the file is read with 9.81 m/s2 along -z",)
         if path.suffix.lower() == ".scene":
             lines = [path.stem, *(line for item in assembly.objects for line in _text_of(item)), ".", ""]
             return "\n".join(lines).encode(), lost

@@ -48,7 +48,7 @@ def test_a_parameter_is_as_uncertain_as_the_residual_shows(family: str, least: f
         known = regression(truth @ columns + noise(rng, family), columns)
         error = known.coefficients() - truth
         stated.extend(error / np.sqrt(np.diag(known.covariance())))
-        shown.extend(error / known.spread())
+        shown.extend(error / known.spread)
     assert least < np.sqrt(np.mean(np.square(stated))) < most
     assert 0.8 < np.sqrt(np.mean(np.square(shown))) < 1.3
 
@@ -57,7 +57,7 @@ def test_the_spread_is_never_less_than_the_noise_allows() -> None:
     rng = np.random.default_rng(5)
     columns = motion(rng)
     known = regression(columns[0] + 1e-3 * noise(rng, "white"), columns)
-    np.testing.assert_allclose(known.spread(), np.sqrt(np.diag(known.covariance())))
+    np.testing.assert_allclose(known.spread, np.sqrt(np.diag(known.covariance())))
 
 
 def test_the_gap_of_a_loose_part_is_no_better_known_than_the_law_of_its_stops() -> None:

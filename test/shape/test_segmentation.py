@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shape_samples as samples
 
+import poise
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.shape.clustering import smooth_colours
@@ -136,6 +137,10 @@ def _answer_of_mesh(parts: list[tuple[tuple[float, float, float], float, bool]],
     trimesh.util.concatenate(bodies).export(tmp_path / "m.stl")
     assert run(["segment", str(tmp_path / "m.stl"), "--json", str(tmp_path / "m.json")]) == 0
     answer: dict[str, Any] = json.loads((tmp_path / "m.json").read_text())
+    found = poise.segment(tmp_path / "m.stl")
+    assert (found.volume, found.volume_std, *found.volumes) == (answer["volume"], 0.0, *answer["part_volumes"])
+    assert found.volumes.sum() == pytest.approx(found.volume)
+    assert list(found.notes) == answer["notes"]
     return answer
 
 

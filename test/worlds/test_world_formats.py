@@ -1,5 +1,6 @@
 """Worlds of other programs: each format against its own simulator, and scenes that come back as they were."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -355,6 +356,8 @@ def test_a_planning_scene_comes_back(tmp_path: Path, ending: str) -> None:
     scene = mixed()
     masses = {item.id: item.mass for item in scene.objects if not item.fixed}
     assert write_world(scene, tmp_path / f"a{ending}") == ("MoveIt knows neither masses nor friction",)
+    tilted = replace(scene, gravity=np.array([1.0, 0.0, -9.75]))
+    assert "(1, 0, -9.75) m/s2" in write_world(tilted, tmp_path / f"tilted{ending}")[1]
     back, notes = read_world(tmp_path / f"a{ending}", masses=masses, friction=0.4)
     assert [item.id for item in back.objects] == [item.id for item in scene.objects]
     for a, b in zip(scene.objects, back.objects, strict=True):

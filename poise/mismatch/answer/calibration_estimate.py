@@ -35,7 +35,7 @@ def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[Calibr
     """All observable calibration errors except gains across axes, and those that another signal's findings exceed."""
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
     label = _labels if problem.signal == "wrench" else _effort_labels
-    value, spread = best.regression.coefficients(), best.regression.spread()
+    value, spread = best.regression.coefficients(), best.regression.spread
     found, row = [], 0
     for group in groups:
         labels = [] if group.name in problem.widened else list(label(group.name, problem))

@@ -56,7 +56,7 @@ class Slosh(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return (
-            EffectParameter("length", "m", low=0.008, high=_LONGEST, linear=False, log=True),
+            EffectParameter("length", "m", low=0.008, high=_LONGEST, linear=False, log=True, law_error=0.015),
             damping_parameter(0.003, 0.7),
             *(
                 EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)

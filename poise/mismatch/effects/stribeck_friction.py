@@ -55,13 +55,13 @@ class StribeckFriction(DryFriction):
         made += reversal_parameters(recorded)
         friction, damping = in_model(recorded, "friction"), in_model(recorded, "damping")
         kinds = (
-            ("torque", "N m", sizes, friction),
-            ("stiction", "N m", sizes, (0.0,) * len(joints)),
-            ("damping", "N m s/rad", rates, damping),
+            ("torque", "N m", sizes, friction, 0.0),
+            ("stiction", "N m", sizes, (0.0,) * len(joints), 0.3),  # it acts where laws of reversals differ most
+            ("damping", "N m s/rad", rates, damping, 0.0),
         )
-        for kind, unit, scales, known in kinds:
+        for kind, unit, scales, known, law_error in kinds:
             made += [
-                EffectParameter(f"{kind}_{i}", unit, scale, positive=True, known=there)
+                EffectParameter(f"{kind}_{i}", unit, scale, positive=True, known=there, law_error=law_error)
                 for i, scale, there in zip(joints, scales, known, strict=True)
             ]
         return tuple(made)

@@ -154,6 +154,7 @@ class WhitenedRegression:
         """(k, k) of c, with uniform priors as normal ones."""
         return np.asarray(cho_solve((self._factor, True), np.eye(len(self.mean))))
 
+    @cached_property
     def spread(self) -> Array:
         """(k,) one sigma of c: that of `covariance`, or what the data show where no coefficients explain them.
 

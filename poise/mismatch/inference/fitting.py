@@ -64,7 +64,7 @@ class HypothesisFit:
 
     def with_misfit(self) -> "HypothesisFit":
         """With the covariance of parameters as wide as the residual shows, see `WhitenedRegression.spread`."""
-        wider = self.regression.spread() / np.sqrt(np.diag(self.regression.covariance()))
+        wider = self.regression.spread / np.sqrt(np.diag(self.regression.covariance()))
         factors = [np.where(row >= 0, wider[row], 1.0) for row in self.rows]
         pairs = zip(self.covariance, factors, strict=True)
         return replace(self, covariance=tuple(each * np.outer(factor, factor) for each, factor in pairs))
