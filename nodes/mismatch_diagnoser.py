@@ -18,6 +18,7 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file, write_whole
 from poise.geometry import rotation_of_quaternion
+from poise.memory import release_memory
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
@@ -25,7 +26,7 @@ from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.request_checks import newer_description
-from poise.nodes.runtime import LATCHED, coded, guarded, release_memory, subscribe, topic_hint
+from poise.nodes.runtime import LATCHED, coded, guarded, subscribe, topic_hint
 from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 

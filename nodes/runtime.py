@@ -73,13 +73,6 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     sys.exit(status)
 
 
-def release_memory() -> None:
-    """Return freed memory to the system after large work: glibc keeps it, in ever more pieces."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
-    if trim is not None:
-        trim(0)
-
-
 def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
     """Log an exception of a callback, at most once a second, so that it does not end the node."""
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
+from poise.memory import release_memory
 
 _START_SECONDS = 60.0
 """s that a worker may need to start, on a loaded machine."""
@@ -228,6 +229,7 @@ def _fork_on_request(requests: socket.socket, make: Callable[..., Answering]) ->
 def _serve(pipe: socket.socket, make: Callable[..., Answering], settings: Any, memory: int, nice: int) -> None:
     """The worker: answers until its owner closes the pipe or dies."""
     os.nice(nice)
+    release_memory()  # what the owner has freed is no room for the worker beyond its bound
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (taken + memory, taken + memory))
     threading.Thread(target=_end_with, args=(pipe.fileno(),), daemon=True).start()

@@ -1,4 +1,4 @@
-"""Memory of freed arrays, kept for the next ones: what goes back to the system has to be cleared page by page again."""
+"""Memory of freed arrays: kept for the next ones, or returned to the system."""
 
 import ctypes
 import sys
@@ -19,3 +19,10 @@ def keep_freed_memory() -> None:
     if hasattr(c, "gnu_get_libc_version"):
         c.mallopt(_TRIM_THRESHOLD, -1)
         c.mallopt(_MOST_MAPPED, 0)
+
+
+def release_memory() -> None:
+    """Return freed memory to the system after large work: glibc keeps it, in ever more pieces."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
+    if trim is not None:
+        trim(0)

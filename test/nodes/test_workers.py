@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
-from poise.nodes.runtime import release_memory
+from poise.memory import release_memory
 from poise.nodes.workers import Worker, WorkerTemplate
 
 SOON = 60.0
@@ -91,6 +91,27 @@ def test_a_process_that_ends_is_an_error_of_its_call_alone(worker):
 def test_memory_is_bounded(worker):
     assert ask(worker, bytes=MEMORY // 4)[0]["size"] == MEMORY // 4
     assert ask(worker, bytes=2 * MEMORY)[0]["size"] == -1
+
+
+def test_what_the_owner_has_freed_is_no_room_beyond_the_bound() -> None:
+    """In a process of its own: it keeps freed memory until it ends."""
+    code = (
+        "import numpy as np, test_workers as tests; from poise.memory import keep_freed_memory\n"
+        "keep_freed_memory()\n"
+        "freed = np.empty(tests.MEMORY // 2); del freed\n"
+        "worker = tests.Worker(tests.WorkerTemplate(tests.made), ['hello'], tests.MEMORY)\n"
+        "print(tests.ask(worker, bytes=2 * tests.MEMORY)[0]['size'])\n"
+        "worker.stop()\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        timeout=SOON,
+        check=True,
+    )
+    assert ended.stdout.split() == ["-1"]
 
 
 def in_time(work):
