@@ -25,7 +25,7 @@ def segment_surface(
 
     Args:
         cloud, mesh: as read.
-        options: how; the points of a mesh have no noise, whatever it says.
+        options: how; the points of a mesh have no noise.
         colours: (N, 3) 0..1 of the points; None: they do not count.
 
     Raises:

@@ -103,15 +103,9 @@ def test_what_the_owner_has_freed_is_no_room_beyond_the_bound() -> None:
         "print(tests.ask(worker, bytes=2 * tests.MEMORY)[0]['size'])\n"
         "worker.stop()\n"
     )
-    ended = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        timeout=SOON,
-        check=True,
-    )
-    assert ended.stdout.split() == ["-1"]
+    here = Path(__file__).parent
+    said = subprocess.check_output([sys.executable, "-c", code], cwd=here, text=True, timeout=SOON)
+    assert said.split() == ["-1"]
 
 
 def in_time(work):
