@@ -6,6 +6,10 @@ from rclpy.action import ActionClient
 from ros_graph import TIMEOUT, Graph
 
 
+PATIENCE = 2.5 * TIMEOUT
+"""s for the result of an action, which moves an arm and weighs, on a busy machine."""
+
+
 class Caller:
     """Sends goals, and keeps what comes back."""
 
@@ -32,7 +36,7 @@ class Caller:
         self._graph.wait_for(future.done, what="acceptance")
         return future.result()
 
-    def result(self, handle, timeout: float = TIMEOUT):
+    def result(self, handle, timeout: float = PATIENCE):
         future = handle.get_result_async()
         self._graph.wait_for(future.done, timeout, "the result")
         return future.result()

@@ -100,7 +100,7 @@ def test_a_can_is_picked_weighed_and_held_until_it_is_not_there(start_node, grap
 
     weights[GraspEvent.GRASPED] = 0.0
     caller.feedback.clear()
-    empty = caller.result(caller.send(id="can", seed=1), 120.0).result
+    empty = caller.result(caller.send(id="can", seed=1)).result
     assert (empty.error.code, empty.holding, empty.attempts) == (ErrorCode.NOT_HELD, False, 2)
     assert "nothing was lifted" in empty.error.message
     assert world("can", lambda can: can.state == WorldObject.LOST)
