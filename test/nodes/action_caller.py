@@ -5,7 +5,6 @@ from typing import Any
 from rclpy.action import ActionClient
 from ros_graph import TIMEOUT, Graph
 
-
 PATIENCE = 2.5 * TIMEOUT
 """s for the result of an action, which moves an arm and weighs, on a busy machine."""
 

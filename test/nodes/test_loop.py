@@ -106,20 +106,20 @@ def test_a_scanned_box_is_picked_weighed_placed_and_carried(graph: Graph, start_
     scans.publish(scanned)
     box(WorldObject.STANDING, WorldObject.ASSUMED)
 
-    picked = picker.result(picker.send(id="box", seed=1, deadline=60.0), 120.0).result
+    picked = picker.result(picker.send(id="box", seed=1, deadline=60.0)).result
     assert (picked.error.message, picked.holding) == ("", True)
     assert picked.mass == pytest.approx(MASS, abs=3 * picked.mass_std)
     graph.wait_for(lambda: newest("box").object.inertia.m == pytest.approx(MASS, rel=0.05), what="the lifted mass")
     assert newest("box").state == WorldObject.HELD
 
-    weighed = weigher.result(weigher.send(motion=IdentifyPayload.Goal.MOTION_STOP_AND_GO), 120.0).result
+    weighed = weigher.result(weigher.send(motion=IdentifyPayload.Goal.MOTION_STOP_AND_GO)).result
     assert weighed.error.message == ""
     assert weighed.estimate.inertia.m == pytest.approx(MASS, rel=0.015)
     held = box(WorldObject.HELD, WorldObject.WEIGHED).object.inertia
     assert held.m == pytest.approx(MASS, rel=0.015)
     graph.wait_for(lambda: centre(newest("box")) == pytest.approx(MIDDLE, abs=2e-3), what="its centre of mass")
 
-    placed = placer.result(placer.send(held=True, execute=True, seed=1, deadline=60.0), 120.0).result
+    placed = placer.result(placer.send(held=True, execute=True, seed=1, deadline=60.0)).result
     assert placed.error.message == ""
     standing = box(WorldObject.STANDING, WorldObject.WEIGHED)
     graph.wait_for(lambda: truth("box")[2] < 0.55, what="it was put down")
@@ -132,7 +132,7 @@ def test_a_scanned_box_is_picked_weighed_placed_and_carried(graph: Graph, start_
     assert graph.call(SetAssembly, "set_assembly", change(SetAssembly.Request.REMOVE, table)).error.code == 0
     goal = PoseStamped(header=Header(frame_id="odom"))
     goal.pose.position.x, goal.pose.orientation.w = 1.0, 1.0
-    carried = carrier.result(carrier.send(path=[goal], speed=0.25), 120.0).result
+    carried = carrier.result(carrier.send(path=[goal], speed=0.25)).result
     assert (carried.error.message, carried.distance) == ("", pytest.approx(1.0, abs=0.03))
     drive = np.array([carried.pose.pose.position.x, carried.pose.pose.position.y, 0.0])
     for name, place in before.items():

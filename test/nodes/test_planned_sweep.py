@@ -61,7 +61,7 @@ def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, star
         {"sweep": "plan", "all_objects": True, "region_height": 0.1, "ready_timeout": 20.0} | PATIENT,
     )
     scanner = Caller(graph, ScanObject, "scan_object").ready()
-    done = scanner.result(scanner.send(id="thing", max_frames=45), 180.0).result
+    done = scanner.result(scanner.send(id="thing", max_frames=45)).result
     assert (done.error.message, done.error.code) == ("", ErrorCode.OK)
     graph.wait_for(lambda: len(scans) == 2, what="both objects")
 
