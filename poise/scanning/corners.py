@@ -5,6 +5,7 @@ views share this error, and agree. But the table is flat, and is then seen lower
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -12,8 +13,7 @@ from scipy import ndimage
 from poise.scanning.flatness import few_of
 from poise.scanning.frames import View
 from poise.scanning.fusion import pixels_of
-from poise.scanning.support import CELL, NEAR, Footprint
-from poise.types import Array, Mask
+from poise.scanning.support import NEAR, Footprint
 
 _PIXELS = 6000
 """Of a view, that are asked for."""
@@ -42,7 +42,7 @@ def sunken(views: Sequence[View], footprint: Footprint, farthest: float) -> floa
         farthest: m from the camera up to which it is looked at.
     """
     rings = _rings(footprint)
-    lower = [low for view in few_of(views) if (low := _lower(view, footprint, rings, farthest)) is not None]
+    lower = [low for view in few_of(views) if (low := _lower(view, rings, farthest)) is not None]
     if len(lower) < _FEWEST_VIEWS:
         return 0.0
     middle = float(np.median(lower))
@@ -55,29 +55,21 @@ def pushed_back(low: float) -> float:
     return _SIDES * low
 
 
-def _rings(footprint: Footprint) -> tuple[Mask, Mask]:
-    """(X, Y) cells beside the object, and those of the table elsewhere."""
+def _rings(footprint: Footprint) -> tuple[Footprint, Footprint]:
+    """The cells beside the object, and those of the table elsewhere."""
     rises = ndimage.binary_erosion(footprint.cells, iterations=_BORDER)
     apart = ndimage.distance_transform_edt(~rises)
     least, most = _AWAY
-    return (apart > 1) & (apart <= _BESIDE), (apart > least) & (apart <= most)
+    beside, away = (apart > 1) & (apart <= _BESIDE), (apart > least) & (apart <= most)
+    return replace(footprint, cells=beside), replace(footprint, cells=away)
 
 
-def _lower(view: View, footprint: Footprint, rings: tuple[Mask, Mask], farthest: float) -> float | None:
+def _lower(view: View, rings: tuple[Footprint, Footprint], farthest: float) -> float | None:
     """m by which a view sees the table lower beside the object than elsewhere; None where it shows too little."""
-    plane = footprint.plane
+    plane = rings[0].plane
     x, y, heights = plane.placed(pixels_of(view, _PIXELS, farthest)).T.astype(np.float64)
     level = np.abs(heights) < max(NEAR, 3 * plane.thickness)
-    beside, away = (heights[level & _in(ring, footprint.low, x, y)] for ring in rings)
+    beside, away = (heights[level & ring.holds(x, y)] for ring in rings)
     if min(len(beside), len(away)) < _FEW:
         return None
     return float(np.median(away) - np.median(beside))
-
-
-def _in(cells: Mask, low: Array, along: Array, across: Array) -> Mask:
-    """(N,) whether points, at (N,) m along the plane's axes, are over some of its cells."""
-    row, column = (
-        np.floor((at - first) / CELL).astype(np.int64) for at, first in zip((along, across), low, strict=True)
-    )
-    inside = (row >= 0) & (column >= 0) & (row < cells.shape[0]) & (column < cells.shape[1])
-    return np.asarray(inside & cells[np.where(inside, row, 0), np.where(inside, column, 0)])

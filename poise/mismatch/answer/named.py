@@ -96,7 +96,7 @@ def named_effects(
 def covariances(best: HypothesisFit, inputs: Sequence[RecordedMotion]) -> list[Array]:
     """Of the parameters of each part: what the residual shows, and the errors of its law."""
     found = []
-    for part, recorded, covariance in zip(best.parts, inputs, best.with_misfit().covariance, strict=True):
+    for part, recorded, covariance in zip(best.parts, inputs, best.covariance_with_misfit(), strict=True):
         of_law = [p.law_sigma(part.values[p.name]) for p in part.effect.parameters(recorded)]
         found.append(covariance + np.diag(np.square(of_law)))
     return found

@@ -62,12 +62,11 @@ class HypothesisFit:
     rows: tuple[NDArray[np.intp], ...]
     linear: Mask
 
-    def with_misfit(self) -> "HypothesisFit":
-        """With the covariance of parameters as wide as the residual shows, see `WhitenedRegression.spread`."""
+    def covariance_with_misfit(self) -> list[Array]:
+        """`covariance`, as wide as the residual shows, see `WhitenedRegression.spread`."""
         wider = self.regression.spread / np.sqrt(np.diag(self.regression.covariance()))
         factors = [np.where(row >= 0, wider[row], 1.0) for row in self.rows]
-        pairs = zip(self.covariance, factors, strict=True)
-        return replace(self, covariance=tuple(each * np.outer(factor, factor) for each, factor in pairs))
+        return [each * np.outer(factor, factor) for each, factor in zip(self.covariance, factors, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +206,6 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
     straight = np.concatenate([np.ones(whole.count - len(linear), dtype=bool), linear])
-    return HypothesisFit(
-        at.parts, evidence, at.square, whole, response, calibrated, at.covariances(whole), at.rows(), straight
-    )
+    rows = at.rows()
+    covariance = at.covariances(whole, rows)
+    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, covariance, rows, straight)

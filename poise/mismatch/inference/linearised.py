@@ -69,11 +69,11 @@ class Linearised:
             found.append(np.array([row_of.get(p.name, -1) for p in part.effect.parameters(recorded)], dtype=np.intp))
         return tuple(found)
 
-    def covariances(self, whole: WhitenedRegression) -> tuple[Array, ...]:
-        """Of each part's parameters, from `regression`; parameters that were not fitted have their resolution."""
+    def covariances(self, whole: WhitenedRegression, rows: tuple[NDArray[np.intp], ...]) -> tuple[Array, ...]:
+        """Of each part's parameters, from `regression` and `rows`; those that were not fitted have their resolution."""
         covariance = whole.covariance()
         found = []
-        for part, recorded, row in zip(self.parts, self.inputs, self.rows(), strict=True):
+        for part, recorded, row in zip(self.parts, self.inputs, rows, strict=True):
             parameters = part.effect.parameters(recorded)
             matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
             places = np.flatnonzero(row >= 0)
