@@ -14,12 +14,20 @@ from poise.types import Array
 _FIX = "check the poses and the sizes, or state a larger pose_std"
 
 
-def not_carried(items: Sequence[RigidObject], place: int, sigmas: float) -> InputError:
-    """The error for an object that nothing holds, naming what is nearest."""
+def not_carried(items: Sequence[RigidObject], place: int, loose: Sequence[int], sigmas: float) -> InputError:
+    """The error for an object that nothing holds, naming the nearest one that could.
+
+    Args:
+        items: all objects.
+        place: of the object.
+        loose: places of all objects that nothing holds; an object that lies on this one is nearer than its support.
+        sigmas: accepted.
+    """
     item = items[place]
     if len(items) < 2:
         return InputError(ErrorCode.FLOATING, f"nothing holds {item.id}: there is no other object", objects=[item.id])
-    distances = [np.inf if other is item else distance_between(item, other) for other in items]
+    others = set(range(len(items))).difference(loose) or set(range(len(items))).difference([place])
+    distances = [distance_between(item, other) if k in others else np.inf for k, other in enumerate(items)]
     nearest = int(np.argmin(distances))
     distance, other = float(distances[nearest]), items[nearest]
     explained = sigmas * sum(_position_std(one) for one in (item, other))
@@ -28,8 +36,8 @@ def not_carried(items: Sequence[RigidObject], place: int, sigmas: float) -> Inpu
     )
     return InputError(
         ErrorCode.FLOATING,
-        f"nothing holds {item.id}: the nearest object, {other.id}, is {where}, and the stated uncertainty explains "
-        f"{explained * 1e3:.1f} mm; {_FIX}",
+        f"nothing holds {item.id}: the nearest object that could, {other.id}, is {where}, and the stated "
+        f"uncertainty explains {explained * 1e3:.1f} mm; {_FIX}",
         objects=[item.id],
         nearest=other.id,
         distance=distance,

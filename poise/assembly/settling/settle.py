@@ -269,14 +269,15 @@ class _Problem:
             InputError: FLOATING.
         """
         items = self.assembly.objects
-        for place in self._not_held():
+        loose = self._not_held()
+        for place in loose:
             more = edges_and_points(items, self.bodies, place, self.limit)
             if more is None:
-                raise not_carried(items, place, self.limit)
+                raise not_carried(items, place, loose, self.limit)
             self.candidates = self.candidates.and_also(more)
         self.choice = self.chosen(None)
-        for place in self._not_held():
-            raise not_carried(items, place, self.limit)
+        if loose := self._not_held():
+            raise not_carried(items, loose[0], loose, self.limit)
 
     def refusal(self, move: Move) -> InputError:
         """The error for an object that would have to move too far."""
