@@ -231,6 +231,7 @@ def disassemble(
     margins = [number_for_json(value) for value in found.margins]
     content: dict[str, Any] = {"order": found.order, "safe": found.safe, "margins": margins, "ways": found.ways}
     content["complete"] = found.complete
+    content["reason"] = found.reason or None
     content["findings"] = findings_json(analysis)
     write_json(json_target, content)
     table = Table("take", "safe", "margin left N", "way out")
@@ -238,6 +239,8 @@ def disassemble(
         along = "none found" if way is None else " ".join(f"{value:.2f}" for value in way + 0.0)
         table.add_row(escape(name), "yes" if safe else "no", f"{margin:.3f}", along, style=None if safe else "red")
     console(json_target).print(table)
+    if found.reason:
+        console(json_target).print(f"Not all steps are safe: {found.reason}.", markup=False)
 
 
 def _pushes_of_fixed(analysis: Analysis, pushes: list[Question]) -> list[dict[str, Any]]:

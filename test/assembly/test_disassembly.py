@@ -52,6 +52,20 @@ def test_an_arch_cannot_be_taken_apart_safely_and_says_so():
         assert stands(scenes.arch(0.2, 10), [name])
 
 
+def test_of_a_plank_and_its_counterweight_neither_goes_first_and_the_answer_says_what_to_hold():
+    block = box("block", (0.12, 0.12, 0.1), (0, 0, 0.05), mass=3)
+    plank = box("plank", (0.4, 0.08, 0.02), (0.08, 0, 0.11), mass=0.6)
+    weight = box("weight", (0.06, 0.06, 0.06), (-0.06, 0, 0.15), mass=1)
+    assembly = on_floor(block, plank, weight)
+    found = plan_disassembly(assembly)
+    assert found.complete
+    assert not any(found.safe)
+    assert found.reason == "without weight, plank would move: hold plank while weight is taken"
+    assert found.margins[0] == pytest.approx(plan_disassembly(assembly, "weight").margins[0])
+    assert plan_disassembly(assembly, "weight").reason == found.reason
+    assert plan_disassembly(scenes.stack(3)).reason == ""
+
+
 def test_a_counterweight_leaves_last_though_nothing_rests_on_it():
     """A beam over an edge, held by a weight on its inner end and carrying another on its outer one."""
     base = fixed_box("base", (1, 1, 1), (0, 0, 0.5))

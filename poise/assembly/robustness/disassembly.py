@@ -28,6 +28,7 @@ class Disassembly:
         margins: N, of what stands afterwards (inf when nothing is left; negative when something falls).
         ways: (3,) for each, a straight way out past all others that are still there; None when none was found.
         complete: every order that might be safe was looked at, or this one is; otherwise the deadline passed before.
+        reason: why the first step that is not safe is not: what falls, or what is in its way; empty when all are safe.
     """
 
     order: tuple[str, ...]
@@ -35,6 +36,7 @@ class Disassembly:
     margins: tuple[float, ...]
     ways: tuple[Array | None, ...]
     complete: bool
+    reason: str = ""
 
 
 @in_one_thread
@@ -87,6 +89,18 @@ class _Step:
     def safe(self) -> bool:
         """The rest stands, and there is a way out."""
         return self.out.direction is not None and self.margin > 0
+
+    def reason(self, before: Analysis) -> str:
+        """Why it is not safe; `before`: with the object; empty when it is safe."""
+        if self.safe:
+            return ""
+        if self.clock.passed:
+            return f"the deadline passed before it was known whether {self.name} can be taken"
+        if self.margin <= 0:
+            falling = ", ".join(self.left.stability(self.clock).falling) or "the rest"
+            return f"without {self.name}, {falling} would move: hold {falling} while {self.name} is taken"
+        blocking = ", ".join(before.assembly.objects[place].id for place in self.out.blocked_by)
+        return f"{self.name} has no straight way out" + (f" past {blocking}" if blocking else "")
 
 
 def _step(analysis: Analysis, name: str, clock: Deadline) -> _Step:
@@ -149,23 +163,26 @@ def _take_apart(analysis: Analysis, clock: Deadline) -> Disassembly:
                 path.pop()
     rest = best[-1].left if best else analysis
     # Choices end at the deadline, too: then not every order was looked at.
-    return _with_rest(rest, best, not (choices or clock.passed) or not rest.structure.movable)
+    return _with_rest(rest, best, not (choices or clock.passed) or not rest.structure.movable, clock)
 
 
 def _left_over(analysis: Analysis) -> frozenset[str]:
     return frozenset(analysis.assembly.objects[place].id for place in analysis.structure.movable)
 
 
-def _with_rest(rest: Analysis, steps: list[_Step], complete: bool) -> Disassembly:
-    """An order that goes on, unsafely, through what is left: the highest first."""
+def _with_rest(rest: Analysis, steps: list[_Step], complete: bool, clock: Deadline) -> Disassembly:
+    """An order that goes on, unsafely, through what is left: the highest first. Its first step is looked at."""
     objects = rest.assembly.objects
     names = [objects[place].id for place in sorted(rest.structure.movable, key=lambda p: -objects[p].com_in_world[2])]
+    more = [_step(rest, names[0], clock)] if names else []
+    unknown = len(names) - len(more)
     return Disassembly(
         (*(step.name for step in steps), *names),
         (True,) * len(steps) + (False,) * len(names),
-        (*(step.margin for step in steps), *[-np.inf] * len(names)),
-        (*(step.out.direction for step in steps), *[None] * len(names)),
+        (*(step.margin for step in steps + more), *[-np.inf] * unknown),
+        (*(step.out.direction for step in steps + more), *[None] * unknown),
         complete,
+        more[0].reason(rest) if more else "",
     )
 
 
@@ -191,15 +208,18 @@ def _free(analysis: Analysis, target: str, clock: Deadline) -> Disassembly:
         if not before:  # each needs the other
             break
         waiting.append(before[0])
-    taken = [step.name for step in steps]
-    if target not in taken:
-        steps.append(_step(steps[-1].left if steps else analysis, target, clock))
+    reason = ""
+    if target not in [step.name for step in steps]:
+        left = steps[-1].left if steps else analysis
+        steps.append(_step(left, target, clock))
+        reason = steps[-1].reason(left)
     return Disassembly(
         tuple(step.name for step in steps),
         tuple(step.safe for step in steps),
         tuple(step.margin for step in steps),
         tuple(step.out.direction for step in steps),
         not clock.passed,
+        reason,
     )
 
 
