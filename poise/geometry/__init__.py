@@ -3,7 +3,7 @@
 - `pose`: `Pose`, the rigid pose of a frame in its parent.
 - `rotations`: rotation matrices from and to quaternions, about an axis, between two vectors.
 - `rows`: order of the rows of arrays, distinct rows and numbers, rows that are used.
-- `vectors`: unit vectors, directions over the sphere, lengths, axes in a plane, cross products, wrenches of forces.
+- `vectors`: unit vectors, directions over the sphere, lengths, axes in a plane, products, wrenches of forces.
 - `gravity`: the standard acceleration, and the default gravity vector.
 """
 
@@ -21,12 +21,22 @@ from poise.geometry.rotations import (
     vector_of_rotation,
 )
 from poise.geometry.rows import distinct_numbers, row_order, runs, unique_rows, used_rows
-from poise.geometry.vectors import cross, lengths, move_wrench, plane_axes, sphere_directions, unit, wrench_of_force
+from poise.geometry.vectors import (
+    applied,
+    cross,
+    lengths,
+    move_wrench,
+    plane_axes,
+    sphere_directions,
+    unit,
+    wrench_of_force,
+)
 
 __all__ = [
     "GRAVITY_IN_WORLD",
     "STANDARD_GRAVITY",
     "Pose",
+    "applied",
     "are_rotations",
     "cross",
     "cross_matrix",

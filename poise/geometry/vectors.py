@@ -1,5 +1,7 @@
 """Unit vectors, axes in a plane, cross products, and wrenches of forces."""
 
+import math
+
 import numpy as np
 
 from poise.types import Array
@@ -25,6 +27,12 @@ def lengths(vectors: Array) -> Array:
     """(...,) of vectors (..., 3); `numpy.linalg.norm` along the last axis takes several times as long."""
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def applied(matrices: Array, vector: Array) -> Array:
+    """(..., a) matrices (..., a, b) applied to one vector (b,), in one product: `matmul` takes ten times as long."""
+    rows = matrices.reshape(math.prod(matrices.shape[:-1]), matrices.shape[-1])
+    return np.asarray(rows @ vector).reshape(matrices.shape[:-1])
 
 
 def plane_axes(normals: Array) -> Array:

@@ -53,6 +53,20 @@ def test_the_cause_is_named(assembly: Assembly, word: str) -> None:
     assert word in str(likely_cause(assembly))
 
 
+def test_a_board_on_supports_whose_heights_a_camera_saw_unequal() -> None:
+    """Supports of 190 mm that were measured as 188.6 and 194.1 mm carry a board; no face of the board lies on both."""
+    clean = [
+        RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose(np.eye(3), np.array([0, 0, -0.05])), fixed=True),
+        RigidObject("left", Box((0.08, 0.15, 0.1886)), Pose(np.eye(3), np.array([-0.09, 0, 0.095])), mass=1.3),
+        RigidObject("right", Box((0.08, 0.15, 0.1941)), Pose(np.eye(3), np.array([0.09, 0, 0.095])), mass=1.8),
+        RigidObject("board", Box((0.28, 0.12, 0.03)), Pose(np.eye(3), np.array([-0.03, 0, 0.205])), mass=0.9),
+    ]
+    known = with_pose_covariance(clean, pose_covariance_of(0.002, np.radians(0.5)))
+    assembly = Assembly(tuple(known), np.array([0.0, 0.0, -9.81]))
+    said = str(likely_cause(assembly))
+    assert said.startswith("the scene stands if left, right are equally tall (not 188.6, 194.1 mm)")
+
+
 def test_a_pose_that_is_off_is_named_beside_other_readings() -> None:
     whole = scene()
     (lowered,) = (replace(item, pose=lower(item).pose) for item in whole.objects if item.id == "b1")

@@ -20,6 +20,11 @@ _SAME = 0.02
 _TURNED = 0.05
 """Entry of a quaternion other than w from which its order matters."""
 
+_TALL = 0.04
+"""Share of a height by which those of bodies that are equally tall may differ, as a camera measures them."""
+_UPRIGHT = 0.95
+"""Cosine of the angle of a side to the vertical from which its length is the height."""
+
 _Change = Callable[[RigidObject], RigidObject]
 
 
@@ -38,6 +43,7 @@ def readings_of_all(assembly: Assembly) -> Iterator[SceneReading]:
     for pair in islice(_twice(movable), len(assembly.objects)):
         yield _once(assembly, pair)
     yield from _frames(assembly)
+    yield from _equally_tall(assembly, movable)
     light = [item.id for item in movable if _may_be(item, _UNITS["mm"])]
     if light:
         if len(light) == len(movable):
@@ -216,6 +222,45 @@ def _centred(item: RigidObject) -> RigidObject:
 
 def _uniform(item: RigidObject) -> RigidObject:
     return replace(item, com=None, inertia=None, covariance=None)
+
+
+def _equally_tall(assembly: Assembly, movable: Sequence[RigidObject]) -> Iterator[SceneReading]:
+    """Boxes and cylinders of nearly one height, as supports of a board, have the same one."""
+    up = -np.asarray(assembly.gravity) / np.linalg.norm(assembly.gravity)
+    sides = {item.id: side for item in movable if (side := _side_along(item, up)) is not None}
+    heights = {item.id: float(_sides(item)[sides[item.id]]) for item in movable if item.id in sides}
+    groups: list[list[str]] = []
+    for name in sorted(heights, key=heights.__getitem__):
+        if groups and heights[name] < (1.0 + _TALL) * heights[groups[-1][0]]:
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    near = [group for group in groups if heights[group[-1]] > 1.001 * heights[group[0]]]
+    if near:
+        means = {name: float(np.mean([heights[one] for one in group])) for group in near for name in group}
+        known = ", ".join(f"{1e3 * heights[name]:.1f}" for name in near[0][:3])
+        words = f"{', '.join(near[0][:3])} are equally tall (not {known} mm)"
+        yield _read(assembly, words, list(means), lambda item: _as_long(item, sides[item.id], means[item.id]))
+
+
+def _sides(item: RigidObject) -> Array:
+    return np.ptp(np.asarray(item.shape.polyhedron.vertices), axis=0)
+
+
+def _side_along(item: RigidObject, up: Array) -> int | None:
+    """Which side of a box, or the length of a cylinder, is upright; None for other shapes and poses."""
+    along = np.abs(item.pose.rotation.T @ up)
+    side = int(np.argmax(along))
+    fits = isinstance(item.shape, Box) or (isinstance(item.shape, Cylinder) and side == 2)
+    return side if fits and along[side] > _UPRIGHT else None
+
+
+def _as_long(item: RigidObject, side: int, length: float) -> RigidObject:
+    """A box with another side, or a cylinder with another length."""
+    if isinstance(item.shape, Cylinder):
+        return replace(item, shape=Cylinder(item.shape.radius, length))
+    x, y, z = (length if axis == side else float(size) for axis, size in enumerate(_sides(item)))
+    return replace(item, shape=Box((x, y, z)))
 
 
 _CONVENTIONS: tuple[tuple[str, _Change], ...] = (

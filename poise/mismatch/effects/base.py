@@ -16,6 +16,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from poise.geometry import applied
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -253,7 +254,7 @@ class Effect(ABC):
         For given non-linear parameters it is `columns` times the linear ones.
         """
         linear = np.array([values[p.name] for p in self.parameters(recorded) if p.linear])
-        return np.asarray(self.columns(recorded, values) @ linear)
+        return applied(self.columns(recorded, values), linear)
 
     def renewed(self, values: Values) -> Values:
         """The values of a model that an earlier version saved, in the parameters of this version."""

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.geometry import cross, lengths, sphere_directions
+from poise.geometry import applied, cross, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import coarsely, likely_place
 from poise.mismatch.effects.recorded_channels import RecordedChannels
@@ -61,8 +61,8 @@ class Cable(Effect):
     rough = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        place, _ = _hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})
-        low, high = place.min(axis=0) - 3.0, place.max(axis=0) + 3.0
+        path = recorded.position_in_world
+        low, high = recorded.once("corners of the path", lambda: (path.min(axis=0) - 3.0, path.max(axis=0) + 3.0))
         anchors = (
             EffectParameter(name, "m", low=a, high=b, linear=False)
             for name, a, b in zip(_ANCHOR, low.tolist(), high.tolist(), strict=True)
@@ -253,7 +253,7 @@ def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
         turn = recorded.base.rotation_world_base
         rotation = np.einsum("nji,njk->nik", turn, rotation)
         place = np.einsum("nji,nj->ni", turn, place - recorded.base.position_in_world)
-    return place + rotation @ hook, rotation
+    return place + applied(rotation, hook), rotation
 
 
 def _cord(numbers: Array, on_base: float) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from poise.geometry import cross
+from poise.geometry import applied, cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.plate import (
     PLATE,
@@ -152,7 +152,7 @@ class PlateContact(Effect):
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         if _of_plate(values):
-            return np.asarray(plate_wrenches(recorded, values) @ [values[name] for name in PUSHES])
+            return applied(plate_wrenches(recorded, values), np.array([values[name] for name in PUSHES]))
         forces = [values[f"force_{axis}_{k}"] for k in range(_MOST) for axis in "xyz"]
         return np.asarray(self.columns(recorded, values)[:, :, : len(forces)] @ forces)
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from scipy.ndimage import uniform_filter1d
 
-from poise.geometry import cross, sphere_directions
+from poise.geometry import cross, lengths, sphere_directions
 from poise.mismatch.effects.base import Effect, EffectParameter, Values, values_at
 from poise.mismatch.effects.knocks import Knocks, find_knocks, knocks_at
 from poise.mismatch.effects.part_wrench import (
@@ -289,7 +289,7 @@ def _slid(recorded: RecordedMotion, values: Values, blur: float = BLUR) -> tuple
     """(N,) m/s2 along the axis of a free part; and its place along the axis, m, rate and second rate."""
     felt, axis = specific_at(recorded, place_of(values)), direction(values)
     push = felt @ axis
-    drag = values["friction"] * np.linalg.norm(felt - push[:, None] * axis, axis=1)
+    drag = values["friction"] * lengths(felt - push[:, None] * axis)
     return push, between_stops(recorded.seconds, push, values["gap"], values["settling"], drag, blur)
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.geometry import cross, cross_matrix
+from poise.geometry import applied, cross, cross_matrix
 from poise.mismatch.effects.base import EffectParameter
 from poise.mismatch.effects.part_motion import hanging
 from poise.mismatch.effects.starts import noise_in
@@ -37,7 +37,7 @@ def place_of(values: Mapping[str, float]) -> Array:
 
 def specific_at(recorded: RecordedMotion, place: Array) -> Array:
     """(N, 3) m/s2, gravity minus acceleration of a point of the tool, sensor axes."""
-    return np.asarray(recorded.specific - lever_rates(recorded) @ place)
+    return np.asarray(recorded.specific - applied(lever_rates(recorded), place))
 
 
 def lever_rates(recorded: RecordedMotion) -> Array:
@@ -120,7 +120,7 @@ def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tu
     """
     along, rate, second = (part[:, None] for part in slid)
     about = cross_matrix(axis)
-    swept = along * (lever_rates(recorded) @ axis) + (2.0 * rate) * (recorded.angular_velocity @ about)
+    swept = along * applied(lever_rates(recorded), axis) + (2.0 * rate) * (recorded.angular_velocity @ about)
     beyond = axis * second + swept
     torque = (along * (specific_at(recorded, place) - beyond)) @ about.T - beyond @ cross_matrix(place).T
     return np.concatenate([-beyond, torque], axis=1)

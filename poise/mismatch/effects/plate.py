@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 
-from poise.geometry import cross, cross_matrix, sphere_directions
+from poise.geometry import applied, cross, cross_matrix, sphere_directions
 from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.part_wrench import coarsely, payload_centre
 from poise.mismatch.effects.recorded_channels import RecordedChannels
@@ -74,7 +74,7 @@ def plate_parameters() -> tuple[EffectParameter, ...]:
 def depth_inside(recorded: RecordedMotion, values: Values) -> Array:
     """(N,) m of the point of the tool behind the surface; negative in front of it."""
     hook = np.array([values[name] for name in _POINT])
-    place = recorded.position_in_world + recorded.rotation_world_sensor @ hook
+    place = recorded.position_in_world + applied(recorded.rotation_world_sensor, hook)
     surface = np.array([values[name] for name in _SURFACE])
     return np.asarray((place - surface) @ inward(values) - values["height"])
 
@@ -186,7 +186,7 @@ class _PlateSearch(RecordedChannels):
 
     def _start(self, normal: Array, share: float, hook: Array) -> dict[str, float]:
         """A plate inside which a point of the tool is for a share of the samples."""
-        height = (self.few.position_in_world + self.few.rotation_world_sensor @ hook) @ normal
+        height = (self.few.position_in_world + applied(self.few.rotation_world_sensor, hook)) @ normal
         return _values(self.few, normal, hook, float(height.max() - np.quantile(height, 1.0 - share)))
 
     def _explains(self, values: Values) -> float:
@@ -283,7 +283,7 @@ def _values(few: RecordedMotion, normal: Array, hook: Array, deepest: float) -> 
     """The non-linear values of a plate with a normal (3,), which a point (3,) of the tool enters by some m at most."""
     along = int(np.argmax(np.abs(normal)))
     axis = np.roll(normal, -along) / abs(normal[along])
-    path = few.position_in_world + few.rotation_world_sensor @ hook
+    path = few.position_in_world + applied(few.rotation_world_sensor, hook)
     surface = path[int(np.argmax(path @ normal))] - deepest * normal
     face = 2.0 * along + (normal[along] < 0.0)
     moved = dict(zip(("tilt_u", "tilt_v"), axis[1:].tolist(), strict=True))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from poise.geometry import applied
 from poise.mismatch.effects import (
     FEWEST_SPLINES,
     MAX_SPLINES,
@@ -105,7 +106,8 @@ class LoadOnEfforts(_OnEfforts):
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         if self._straight(recorded):
-            return np.asarray(self.columns(recorded, values) @ [values[p.name] for p in self.parameters(recorded)])
+            linear = np.array([values[p.name] for p in self.parameters(recorded)])
+            return applied(self.columns(recorded, values), linear)
         return joint_torques(recorded, self._inner.simulate(recorded, values)[:, :, None])[:, :, 0]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
