@@ -244,7 +244,7 @@ def _equally_tall(assembly: Assembly, movable: Sequence[RigidObject]) -> Iterato
 
 
 def _sides(item: RigidObject) -> Array:
-    return np.ptp(np.asarray(item.shape.polyhedron.vertices), axis=0)
+    return np.asarray(np.ptp(item.shape.polyhedron.vertices, axis=0))
 
 
 def _side_along(item: RigidObject, up: Array) -> int | None:
