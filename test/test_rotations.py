@@ -1,10 +1,11 @@
-"""Conversions of rotations against those of scipy, and with bad input."""
+"""Conversions of rotations against those of scipy, with bad input, and products of matrices with a vector."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import (
+    applied,
     quaternion_of_rotation,
     rotation_about,
     rotation_of_quaternion,
@@ -34,3 +35,12 @@ def test_matrices_that_are_nearly_rotations_are_made_rotations_and_others_refuse
         quaternion_of_rotation(np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])]))
     assert np.isnan(rotation_of_quaternion([[0.0, 0, 0, 0], [np.nan, 0, 0, 1]])).all()
     assert quaternion_of_rotation(np.zeros((0, 3, 3))).shape == (0, 4)
+
+
+@pytest.mark.parametrize("shape", [(5, 4, 3), (3, 3), (2, 5, 6, 3), (5, 4, 0), (0, 3, 3)])
+def test_matrices_applied_to_one_vector(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(1)
+    matrices, vector = rng.normal(size=shape), rng.normal(size=shape[-1])
+    np.testing.assert_allclose(applied(matrices, vector), matrices @ vector, atol=1e-14)
+    across = np.moveaxis(rng.normal(size=(shape[-1], *shape[:-1])), 0, -1)
+    np.testing.assert_allclose(applied(across, vector), across @ vector, atol=1e-14)
