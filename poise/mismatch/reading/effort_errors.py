@@ -83,7 +83,7 @@ def offset_and_friction(velocity: Array) -> list[Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Comparison:
+class EffortComparison:
     """Efforts of a recording against models, each beside friction, rotor and offset.
 
     Args:
@@ -94,8 +94,8 @@ class _Comparison:
     rows: Array
 
     @staticmethod
-    def of(track: EffortTrack) -> "_Comparison":
-        return _Comparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
+    def of(track: EffortTrack) -> "EffortComparison":
+        return EffortComparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
 
     def bases(self, model: Array) -> list[Array]:
         """(n, 9) orthonormal columns of each joint, with the model's effort (M, J) among them."""
@@ -142,7 +142,7 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
         recorded: the motion, with the load.
         track: the efforts, as measured.
     """
-    comparison = _Comparison.of(track)
+    comparison = EffortComparison.of(track)
     bases = comparison.bases(track.rigid)
     as_read = comparison.left(comparison.measured, bases)
     if as_read.max() < _MATERIAL:
@@ -164,7 +164,7 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
 _Tried = Iterator[tuple[Array, InputFinding]]
 
 
-def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
+def _in_order(comparison: EffortComparison, bases: list[Array]) -> _Tried:
     names = comparison.track.names
     for sentence, order in orders(names):
         left = comparison.left(comparison.measured[:, order], bases)
@@ -179,7 +179,7 @@ def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
         )
 
 
-def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
+def _late(comparison: EffortComparison, bases: list[Array]) -> _Tried:
     track = comparison.track
     step = max(track.period, _SHORTEST_LAG / 2.0)
     most = int(_LONGEST_LAG / step)
@@ -195,7 +195,7 @@ def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
         yield comparison.left(moved, bases), InputFinding("effort_late", sentence, track.names, (lag,))
 
 
-def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
+def _compensated(comparison: EffortComparison, recorded: RecordedMotion) -> _Tried:
     track = comparison.track
     if track.by_gravity is None:
         return
@@ -212,7 +212,7 @@ def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
         yield left, InputFinding("effort_compensated", sentence, track.names)
 
 
-def _mounted(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
+def _mounted(comparison: EffortComparison, recorded: RecordedMotion) -> _Tried:
     """Gravity along another direction of the base than downwards."""
     track = comparison.track
     if track.by_gravity is None:

@@ -9,7 +9,7 @@ from poise.geometry import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
-from poise.robot import RobotModel, blanks, left_out, stands_alone, without_turns
+from poise.robot import RobotModel, blanks, lapsed, left_out, stands_alone, without_turns
 from poise.types import Array, Mask
 
 _MIXED = 0.3
@@ -42,7 +42,7 @@ def _of_one_publisher(
     joints: JointStream, columns: list[int], turning: Mask
 ) -> tuple[JointStream, list[str], list[InputFinding]]:
     position = joints.position[:, columns]
-    alone = blanks(position)
+    alone = blanks(position) | lapsed(position)
     if not alone.any():
         alone = stands_alone(position, turning)
     if not alone.any():
