@@ -242,6 +242,33 @@ def test_an_encoder_that_freezes_in_motion_is_left_out_and_a_stop_is_not() -> No
     assert reading.recorded.seconds[-1] < joints.seconds[fastest]
 
 
+def test_the_effort_of_one_joint_that_repeats_while_it_moves_is_left_out() -> None:
+    joints = SLOW.joints()
+    effort = joints.effort.copy()
+    effort[400:700, 1] = effort[400, 1]
+    finding = only(read(with_effort(joints, effort)), "effort_frozen")
+    assert finding.joints == ("elbow",)
+    assert finding.values == pytest.approx((joints.seconds[400], joints.seconds[699]))
+    still = Recorded(moving=(1.0, 0.0, 1.0)).joints()
+    held = still.effort.copy()
+    held[400:700, 1] = held[400, 1]
+    assert "effort_frozen" not in {each.kind for each in read(with_effort(still, held)).findings}
+
+
+def test_joints_that_all_freeze_and_leap_on_are_left_out_and_joints_at_rest_are_not() -> None:
+    joints = SLOW.joints()
+    position = joints.position.copy()
+    position[500:600] = position[500]
+    found = [each for each in read(replace(joints, position=position)).findings if each.kind == "encoder_frozen"]
+    assert found
+    assert all(each.values == pytest.approx((joints.seconds[500], joints.seconds[599])) for each in found)
+    paused = joints.position.copy()
+    paused[600:] = joints.position[500:-100]
+    paused[500:600] = joints.position[500]
+    found = read(replace(joints, position=paused)).findings
+    assert not [each for each in found if each.kind == "encoder_frozen"]
+
+
 def test_joints_that_stop_one_after_the_other_are_not_frozen() -> None:
     at = np.arange(2500) / 125.0
     moved = [1e-5 * np.round(1e5 * 0.5 * _stopping(np.clip(at - begin, 0.0, 4.0))) for begin in (0.5, 5.0, 9.0)]

@@ -9,7 +9,7 @@ import numpy as np
 from poise.mismatch.effects import at_ends, bristles_along, within
 from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
-from poise.mismatch.reading.sanity import frozen_spans
+from poise.mismatch.reading.sanity import frozen_spans, stuck_spans
 from poise.mismatch.recorded import (
     EffortTrack,
     RecordedMotion,
@@ -36,26 +36,44 @@ _LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
 _LEAST_MOUNTING, _OWN_WEIGHT = 20.0, 2.0
 """degrees by which a base is turned at least, smaller tilts being an effect of the library; factor by which the weight
 may differ beside it."""
-_LOST = 0.5
-"""Share of the samples from which joints at their limits are left out, and not the samples."""
+_LOST, _MOVES = 0.5, 0.01
+"""Share of the samples from which joints at their limits are left out, and not the samples; and of a span in which a
+joint moves faster than so many rad/s or m/s."""
 
 
 def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     """The efforts without spans that repeat one reading and without readings at a limit, and what was left out."""
-    spans = frozen_spans(track.seconds, track.measured, track.rigid)
+    spans = [(track.names, span) for span in frozen_spans(track.seconds, track.measured, track.rigid)]
+    spans += [
+        each
+        for each in _stuck(track)
+        if not any(begin <= each[1][0] and each[1][1] <= end for _, (begin, end) in spans)
+    ]
     found = [
         InputFinding(
             "effort_frozen",
-            f"The efforts repeat one reading from {begin:.2f} s to {end:.2f} s, though the arm moves: their driver "
-            "stopped; this span was left out.",
-            track.names,
+            f"The effort{'s' if names == track.names else f' of {names[0]}'} repeat"
+            f"{'' if names == track.names else 's'} one reading from {begin:.2f} s to {end:.2f} s, though the arm "
+            "moves: their driver stopped; this span was left out.",
+            names,
             (begin, end),
         )
-        for begin, end in spans
+        for names, (begin, end) in spans
     ]
-    track = track.select(~within(track.seconds, spans)) if spans else track
+    track = track.select(~within(track.seconds, [span for _, span in spans])) if spans else track
     track, limited = _below_limits(track)
     return track, [*found, *limited]
+
+
+def _stuck(track: EffortTrack) -> list[tuple[tuple[str, ...], tuple[float, float]]]:
+    """Joints whose effort alone repeats one reading while they move: at rest, friction may carry any load."""
+    found: list[tuple[tuple[str, ...], tuple[float, float]]] = []
+    for j, name in enumerate(track.names):
+        for begin, end in stuck_spans(track.seconds, track.measured[:, j], track.rigid[:, j]):
+            inside = (track.seconds >= begin) & (track.seconds <= end)
+            if np.mean(np.abs(track.velocity[inside, j]) > _MOVES) > _LOST:
+                found.append(((name,), (begin, end)))
+    return found
 
 
 def _below_limits(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
