@@ -147,6 +147,10 @@ def test_one_channel_that_repeats_one_reading_is_frozen_and_a_channel_at_its_lim
     assert finding.sentence.startswith(WRENCH_CHANNELS[channel])
     assert finding.values == pytest.approx((healthy.seconds[600], healthy.seconds[999]))
     assert len(kept) == len(healthy) - 400
+    beside_a_gap = healthy.wrench.copy()
+    beside_a_gap[1000:1005, channel] = beside_a_gap[600, channel]
+    rows = np.r_[:601, 1000 : len(healthy)]
+    assert without_frozen(replace(healthy, wrench=beside_a_gap).select(rows))[1] == []
     limit = float(np.quantile(healthy.wrench[:, channel], 0.8))
     limited = healthy.wrench.copy()
     limited[:, channel] = np.minimum(limited[:, channel], limit)

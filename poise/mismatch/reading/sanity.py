@@ -29,6 +29,8 @@ _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion o
 _FROZEN, _STEPS, _MATERIAL, _FOLLOWS = 0.2, 3.0, 0.05, 0.2
 """s that a reading stays the same at least; by how many of its steps, and by what share of its range, the model changes
 meanwhile in a channel; and least range of a channel, relative to that of the model, that responds at other times."""
+_REPEATED = 10
+"""Repetitions in a row that a single channel does not have by chance."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
@@ -240,8 +242,13 @@ def stuck_spans(seconds: Array, reading: Array, expected: Array) -> list[tuple[f
     if np.ptp(reading) < _FOLLOWS * np.ptp(expected):
         return []
     ends = [value for value in (reading.min(), reading.max()) if value != 0.0]
-    spans = frozen_spans(seconds, reading[:, None], expected[:, None])
-    return [span for span in spans if reading[np.searchsorted(seconds, span[0])] not in ends]
+    found = []
+    for begin, end in frozen_spans(seconds, reading[:, None], expected[:, None]):
+        first, last = np.searchsorted(seconds, (begin, end))
+        # A coarse reading may be the same before and after a gap.
+        if last - first >= _REPEATED and reading[first] not in ends:
+            found.append((begin, end))
+    return found
 
 
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:
