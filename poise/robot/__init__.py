@@ -42,7 +42,7 @@ from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
-from poise.robot.sample_checks import blanks, each_stamp_once, interpolated, left_out, stands_alone
+from poise.robot.sample_checks import blanks, each_stamp_once, interpolated, lapsed, left_out, stands_alone
 from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
@@ -105,6 +105,7 @@ __all__ = [
     "inertia_of",
     "interpolated",
     "is_constant",
+    "lapsed",
     "left_out",
     "motion_from_derivatives",
     "motion_from_joints",

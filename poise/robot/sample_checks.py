@@ -24,6 +24,8 @@ _LOOK = 20_000
 
 _LONGEST, _FEWEST = 5, 3
 """Samples in a row that are blank at most, and how often; longer ones may be a robot at home or a sensor at zero."""
+_JUMP = 3.0
+"""Ratio of the steps to zero and back to the largest other step from which no joint makes them."""
 
 
 def each_stamp_once(stream: Sampled) -> Sampled:
@@ -75,6 +77,22 @@ def blanks(values: Array) -> Mask:
         return np.zeros(len(values), dtype=bool)
     for first, last in long:
         zero[first : last + 1] = False
+    return zero
+
+
+def lapsed(position: Array) -> Mask:
+    """(N,) samples at exactly zero in all joints (N, J), that the joints jump to and jump away from.
+
+    A joint moves to its zero and away from it by steps as large as its others: no robot at home does this.
+    """
+    zero = np.asarray((position == 0.0).all(axis=1))
+    if not zero.any():
+        return zero
+    steps = np.abs(np.diff(position, axis=0)).max(axis=1)
+    least = _JUMP * float(steps[~(zero[1:] | zero[:-1])].max(initial=0.0)) + _LEAST
+    for first, last in runs(zero):
+        inner = first > 0 and last + 1 < len(position)
+        zero[first : last + 1] = inner and float(np.abs(position[[first - 1, last + 1]]).max(axis=1).min()) > least
     return zero
 
 

@@ -54,6 +54,23 @@ def test_without_joint_states_it_says_what_to_record(
     assert "joint_states" in refused(written(tmp_path, robot, None, case.wrench, case.model), capsys)
 
 
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("ft/wrench_raw", "joint_states"), "ft/wrench_raw (geometry_msgs/msg/WrenchStamped) was not read: rename it"),
+        (("wrench", "joint_states_raw"), "joint_states_raw (sensor_msgs/msg/JointState) was not read: rename it"),
+    ],
+)
+def test_a_topic_of_another_name_is_named(
+    names: tuple[str, str], said: str, tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, nominal = tmp_path / "run.mcap", tmp_path / "model.yaml"
+    joints = replace(case.joints, effort=np.full_like(case.joints.effort, np.nan))
+    write_recording(bag, dict(zip(names, (case.wrench, joints), strict=True)), robot_description=robot)
+    nominal.write_text(dump_model(case.model))
+    assert said in refused(["mismatch", str(bag), "--model", str(nominal)], capsys)
+
+
 def test_torque_in_newton_millimetres_is_named(
     tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

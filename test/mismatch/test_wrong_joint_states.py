@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from field_robots import ARM, Recorded, read
+from field_robots import ARM, Recorded, read, urdf
 
 from poise.errors import InputError
 from poise.geometry import STANDARD_GRAVITY
 from poise.mismatch.reading import InputFinding, ReadRecording, parse_model
 from poise.recording import JointStream
-from poise.robot import without_turns
+from poise.robot import RobotModel, resample, without_turns
+from poise.simulation import IdealRobot, JointMotion
 from poise.types import Array
 
 SLOW = Recorded(damping=2.0, coulomb=1.0)
@@ -40,6 +41,41 @@ def test_efforts_of_joints_in_another_order_are_left_out(order: list[int], said:
     reading = read(with_effort(joints, joints.effort[:, order]))
     assert said in only(reading, "effort_order").sentence
     assert reading.recorded.effort is None
+
+
+SKEWED = urdf(("first", "revolute", "0 1 0"), ("second", "revolute", "0.6 0 0.8"), ("third", "revolute", "0 1 0"))
+
+
+@pytest.mark.parametrize(
+    ("order", "sign", "said"),
+    [
+        ([1, 0, 2], [1, 1, 1], "first and second were exchanged"),
+        ([1, 2, 0], [1, 1, 1], "in the order"),
+        ([0, 1, 2], [-1, 1, 1], "first counted in the opposite direction"),
+    ],
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_positions_that_the_efforts_contradict_are_refused(
+    order: list[int], sign: list[int], said: str, seed: int
+) -> None:
+    joints = Recorded(SKEWED, damping=1.0, coulomb=0.5, seconds=20.0, seed=seed).joints()
+    moved = replace(joints, position=joints.position[:, order] * sign, velocity=joints.velocity[:, order] * sign)
+    with pytest.raises(InputError, match=f"do not follow from the joint positions; they would if .*{said}"):
+        read(moved, SKEWED)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_efforts_with_a_load_that_the_model_lacks_do_not_contradict_the_positions(seed: int) -> None:
+    case = Recorded(SKEWED, damping=1.0, seconds=20.0, seed=seed)
+    joints = case.joints()
+    robot = RobotModel.from_urdf(SKEWED, "link_3")
+    load = np.array([3.0, 0.3, 0.0, 0.6, 0.1, 0.0, 0.0, 0.1, 0.0, 0.1])
+    moved = resample(joints.seconds, joints.position, joints.seconds)
+    parts = (part[moved.known] for part in (moved.position, moved.velocity, moved.acceleration))
+    motion = JointMotion(*parts)
+    effort = joints.effort.copy()
+    effort[moved.known] += IdealRobot(robot, load).effort(motion) - IdealRobot(robot, np.zeros(10)).effort(motion)
+    assert read(with_effort(joints, effort), SKEWED).recorded.effort is not None
 
 
 @pytest.mark.parametrize("samples", [-20, 6, 50])
@@ -75,6 +111,20 @@ def test_efforts_of_an_arm_on_a_wall_say_how_the_base_is_turned() -> None:
     assert [float(number) for number in said.groups()] == pytest.approx([0.6, 0.0, -0.8], abs=0.011)
     assert reading.recorded.effort is None
     assert reading.recorded.effort is None
+
+
+@pytest.mark.parametrize("spans", [[(400, 415)], [(300, 312), (900, 1000)]])
+def test_joint_states_that_are_zero_for_a_while_are_left_out(spans: list[tuple[int, int]]) -> None:
+    joints = SLOW.joints()
+    position = joints.position.copy()
+    for first, last in spans:
+        position[first:last] = 0.0
+    reading = read(replace(joints, position=position))
+    assert f"{sum(last - first for first, last in spans)} of" in only(reading, "joints_mixed").sentence
+    track, whole = reading.recorded.effort, read(joints).recorded.effort
+    assert track is not None
+    assert whole is not None
+    assert np.abs(track.measured - track.rigid).max() < 1.1 * np.abs(whole.measured - whole.rigid).max()
 
 
 def test_efforts_that_repeat_one_reading_and_those_at_a_limit_are_left_out() -> None:
@@ -190,6 +240,33 @@ def test_an_encoder_that_freezes_in_motion_is_left_out_and_a_stop_is_not() -> No
     assert found.joints == ("elbow",)
     assert found.values == pytest.approx((joints.seconds[fastest], joints.seconds[-1]))
     assert reading.recorded.seconds[-1] < joints.seconds[fastest]
+
+
+def test_the_effort_of_one_joint_that_repeats_while_it_moves_is_left_out() -> None:
+    joints = SLOW.joints()
+    effort = joints.effort.copy()
+    effort[400:700, 1] = effort[400, 1]
+    finding = only(read(with_effort(joints, effort)), "effort_frozen")
+    assert finding.joints == ("elbow",)
+    assert finding.values == pytest.approx((joints.seconds[400], joints.seconds[699]))
+    still = Recorded(moving=(1.0, 0.0, 1.0)).joints()
+    held = still.effort.copy()
+    held[400:700, 1] = held[400, 1]
+    assert "effort_frozen" not in {each.kind for each in read(with_effort(still, held)).findings}
+
+
+def test_joints_that_all_freeze_and_leap_on_are_left_out_and_joints_at_rest_are_not() -> None:
+    joints = SLOW.joints()
+    position = joints.position.copy()
+    position[500:600] = position[500]
+    found = [each for each in read(replace(joints, position=position)).findings if each.kind == "encoder_frozen"]
+    assert found
+    assert all(each.values == pytest.approx((joints.seconds[500], joints.seconds[599])) for each in found)
+    paused = joints.position.copy()
+    paused[600:] = joints.position[500:-100]
+    paused[500:600] = joints.position[500]
+    found = read(replace(joints, position=paused)).findings
+    assert not [each for each in found if each.kind == "encoder_frozen"]
 
 
 def test_joints_that_stop_one_after_the_other_are_not_frozen() -> None:

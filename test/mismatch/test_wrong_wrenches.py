@@ -15,7 +15,7 @@ from poise.mismatch.reading.payload import identified
 from poise.mismatch.reading.sanity import without_frozen
 from poise.mismatch.reading.wrench_input import check_wrench
 from poise.mismatch.reading.wrench_samples import usable
-from poise.mismatch.recorded import RecordedMotion, load_wrench
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, load_wrench
 from poise.recording import WrenchStream
 from poise.types import Array
 from poise.weighing import on_both
@@ -135,6 +135,26 @@ def test_a_span_of_one_reading_is_left_out_while_the_load_moves(healthy: Recorde
     assert finding.kind == "wrench_frozen"
     assert finding.values == pytest.approx((healthy.seconds[first], healthy.seconds[last - 1]))
     assert len(kept) == len(healthy) - (last - first)
+
+
+@pytest.mark.parametrize("channel", [0, 2, 4])
+def test_one_channel_that_repeats_one_reading_is_frozen_and_a_channel_at_its_limit_is_not(
+    channel: int, healthy: RecordedMotion
+) -> None:
+    wrench = healthy.wrench.copy()
+    wrench[600:1000, channel] = wrench[600, channel]
+    kept, (finding,) = without_frozen(replace(healthy, wrench=wrench))
+    assert finding.sentence.startswith(WRENCH_CHANNELS[channel])
+    assert finding.values == pytest.approx((healthy.seconds[600], healthy.seconds[999]))
+    assert len(kept) == len(healthy) - 400
+    beside_a_gap = healthy.wrench.copy()
+    beside_a_gap[1000:1005, channel] = beside_a_gap[600, channel]
+    rows = np.r_[:601, 1000 : len(healthy)]
+    assert without_frozen(replace(healthy, wrench=beside_a_gap).select(rows))[1] == []
+    limit = float(np.quantile(healthy.wrench[:, channel], 0.8))
+    limited = healthy.wrench.copy()
+    limited[:, channel] = np.minimum(limited[:, channel], limit)
+    assert without_frozen(replace(healthy, wrench=limited))[1] == []
 
 
 def test_coarse_readings_are_not_frozen(healthy: RecordedMotion) -> None:

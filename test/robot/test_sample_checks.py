@@ -8,7 +8,7 @@ import pytest
 from poise.errors import ErrorCode, InputError
 from poise.geometry import rotation_of_quaternion
 from poise.recording import JointStream, PoseStream
-from poise.robot import blanks, interpolated, stands_alone, usable_odometry
+from poise.robot import blanks, interpolated, lapsed, stands_alone, usable_odometry
 from poise.types import Array
 
 TIMES = np.arange(2000) * 0.008
@@ -70,6 +70,18 @@ def test_zeros_between_other_samples_are_blanks() -> None:
     tared = np.round(np.random.default_rng(2).standard_normal((2000, 3)))
     assert (tared == 0.0).all(axis=1).any()
     assert not blanks(tared).any()
+
+
+def test_joints_that_jump_to_zero_for_a_while_lapse_and_those_that_move_there_do_not() -> None:
+    values = smooth(TIMES)
+    values[700:712] = values[900:990] = 0.0
+    assert np.array_equal(lapsed(values), (values == 0.0).all(axis=1))
+    home = smooth(TIMES) * np.clip(np.abs(TIMES - 8.0) - 0.5, 0.0, 1.0)[:, None]
+    assert (home == 0.0).all(axis=1).sum() > 100
+    assert not lapsed(home).any()
+    begun = smooth(TIMES)
+    begun[:500] = 0.0
+    assert not lapsed(begun).any()
 
 
 def odometry(yaw: Array, place: Array, order: tuple[int, ...] = (0, 1, 2, 3)) -> PoseStream:

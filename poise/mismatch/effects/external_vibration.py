@@ -7,6 +7,7 @@ import numpy as np
 import poise.mismatch.effects.accelerometer_input as felt
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
+from poise.mismatch.effects.starts import noise_in
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
@@ -28,6 +29,9 @@ _ABOVE = 25.0
 colour reaches 15. Corners of the motion that encoders do not show leave such a noise below their bandwidth."""
 _NEAR = (3.0, 12.0)
 """Distance of that spectrum from the line, times the length of the window."""
+_KEPT, _CHANCE = 0.5, 40.0
+"""Share of the energy of a line in the channels below which the base's axes do not explain it, and energy, in units of
+the noise, that its six further parameters do not have by chance."""
 _FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is another event."""
 
@@ -69,7 +73,9 @@ class ExternalVibration(Effect):
         if recorded.accelerometer is not None:
             yield from felt.starts(recorded, residual)
             return
-        yield from self.oscillations(recorded, shaking(recorded, residual))
+        for start in self.oscillations(recorded, shaking(recorded, residual)):
+            if not self._of_the_sensor(recorded, residual, start):
+                yield start
 
     def oscillations(self, recorded: RecordedMotion, shake: Array) -> Iterable[Values]:
         """Windows and frequencies from an unreported acceleration (N, 3) in world axes."""
@@ -163,6 +169,18 @@ class ExternalVibration(Effect):
             recorded.seconds[inside], shake[inside], frequency, window
         )
 
+    def _of_the_sensor(self, recorded: RecordedMotion, residual: Array, start: Values) -> bool:
+        """Whether a line keeps to the channels of the sensor instead of the base's axes and the load's lever.
+
+        The mains couple into the cables of a sensor: such a line neither turns with the base nor acts at the load.
+        """
+        every, read = self.waves(recorded.seconds, start), residual.any(axis=0)
+        inside, level = every.any(axis=1), noise_in(recorded, residual)[read]
+        waves, left = every[inside], residual[inside][:, read] / level
+        columns = (self.columns(recorded, start)[inside][:, read] / level[:, None]).reshape(left.size, -1)
+        channels, base = _explained(waves, left), _explained(columns, left.reshape(-1, 1))
+        return base < _KEPT * channels and channels - base > _CHANCE
+
     @staticmethod
     def _span(recorded: RecordedMotion, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:
         """Most likely first and last moment of a sine whose amplitude is that of the samples inside."""
@@ -181,6 +199,12 @@ def _stands_out(seconds: Array, shake: Array, frequency: float, window: Array) -
     waves = np.exp(-2j * np.pi * np.outer([frequency, *near[near > _LOWEST]], seconds)) * window
     line, *others = (np.abs(waves @ shake) ** 2).sum(axis=1)
     return bool(line > _ABOVE * np.median(others))
+
+
+def _explained(columns: Array, values: Array) -> float:
+    """Sum of the squares that columns (M, k) explain of signals (M, C)."""
+    basis = np.linalg.qr(columns)[0]
+    return float(np.sum((basis.T @ values) ** 2))
 
 
 def _longest_gain(values: Array) -> tuple[Array, Array, Array]:

@@ -42,8 +42,9 @@ class PayloadParameters(Effect):
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         body, nominal = self._body(recorded, values), InertialParameters.from_phi(recorded.phi)
-        com = np.nan_to_num(body.com - nominal.com)
-        inertia = np.nan_to_num(body.inertia_vector - nominal.inertia_vector)
+        # A model without a payload has no centre of mass: that of the payload itself is reported.
+        com = np.nan_to_num(body.com) - np.nan_to_num(nominal.com)
+        inertia = np.nan_to_num(body.inertia_vector) - np.nan_to_num(nominal.inertia_vector)
         reported = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
         return reported | {
             f"inertia_{row[1:]}": (float(value), "kg m2")

@@ -9,7 +9,7 @@ import numpy as np
 from poise.mismatch.effects import at_ends, bristles_along, within
 from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
-from poise.mismatch.reading.sanity import frozen_spans
+from poise.mismatch.reading.sanity import frozen_spans, stuck_spans
 from poise.mismatch.recorded import (
     EffortTrack,
     RecordedMotion,
@@ -36,26 +36,44 @@ _LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
 _LEAST_MOUNTING, _OWN_WEIGHT = 20.0, 2.0
 """degrees by which a base is turned at least, smaller tilts being an effect of the library; factor by which the weight
 may differ beside it."""
-_LOST = 0.5
-"""Share of the samples from which joints at their limits are left out, and not the samples."""
+_LOST, _MOVES = 0.5, 0.01
+"""Share of the samples from which joints at their limits are left out, and not the samples; and of a span in which a
+joint moves faster than so many rad/s or m/s."""
 
 
 def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     """The efforts without spans that repeat one reading and without readings at a limit, and what was left out."""
-    spans = frozen_spans(track.seconds, track.measured, track.rigid)
+    spans = [(track.names, span) for span in frozen_spans(track.seconds, track.measured, track.rigid)]
+    spans += [
+        each
+        for each in _stuck(track)
+        if not any(begin <= each[1][0] and each[1][1] <= end for _, (begin, end) in spans)
+    ]
     found = [
         InputFinding(
             "effort_frozen",
-            f"The efforts repeat one reading from {begin:.2f} s to {end:.2f} s, though the arm moves: their driver "
-            "stopped; this span was left out.",
-            track.names,
+            f"The effort{'s' if names == track.names else f' of {names[0]}'} repeat"
+            f"{'' if names == track.names else 's'} one reading from {begin:.2f} s to {end:.2f} s, though the arm "
+            "moves: their driver stopped; this span was left out.",
+            names,
             (begin, end),
         )
-        for begin, end in spans
+        for names, (begin, end) in spans
     ]
-    track = track.select(~within(track.seconds, spans)) if spans else track
+    track = track.select(~within(track.seconds, [span for _, span in spans])) if spans else track
     track, limited = _below_limits(track)
     return track, [*found, *limited]
+
+
+def _stuck(track: EffortTrack) -> list[tuple[tuple[str, ...], tuple[float, float]]]:
+    """Joints whose effort alone repeats one reading while they move: at rest, friction may carry any load."""
+    found: list[tuple[tuple[str, ...], tuple[float, float]]] = []
+    for j, name in enumerate(track.names):
+        for begin, end in stuck_spans(track.seconds, track.measured[:, j], track.rigid[:, j]):
+            inside = (track.seconds >= begin) & (track.seconds <= end)
+            if np.mean(np.abs(track.velocity[inside, j]) > _MOVES) > _LOST:
+                found.append(((name,), (begin, end)))
+    return found
 
 
 def _below_limits(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
@@ -83,7 +101,7 @@ def offset_and_friction(velocity: Array) -> list[Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Comparison:
+class EffortComparison:
     """Efforts of a recording against models, each beside friction, rotor and offset.
 
     Args:
@@ -94,8 +112,8 @@ class _Comparison:
     rows: Array
 
     @staticmethod
-    def of(track: EffortTrack) -> "_Comparison":
-        return _Comparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
+    def of(track: EffortTrack) -> "EffortComparison":
+        return EffortComparison(track, np.unique(np.linspace(0, len(track.seconds) - 1, _SAMPLES).astype(int)))
 
     def bases(self, model: Array) -> list[Array]:
         """(n, 9) orthonormal columns of each joint, with the model's effort (M, J) among them."""
@@ -142,7 +160,7 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
         recorded: the motion, with the load.
         track: the efforts, as measured.
     """
-    comparison = _Comparison.of(track)
+    comparison = EffortComparison.of(track)
     bases = comparison.bases(track.rigid)
     as_read = comparison.left(comparison.measured, bases)
     if as_read.max() < _MATERIAL:
@@ -164,7 +182,7 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
 _Tried = Iterator[tuple[Array, InputFinding]]
 
 
-def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
+def _in_order(comparison: EffortComparison, bases: list[Array]) -> _Tried:
     names = comparison.track.names
     for sentence, order in orders(names):
         left = comparison.left(comparison.measured[:, order], bases)
@@ -179,7 +197,7 @@ def _in_order(comparison: _Comparison, bases: list[Array]) -> _Tried:
         )
 
 
-def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
+def _late(comparison: EffortComparison, bases: list[Array]) -> _Tried:
     track = comparison.track
     step = max(track.period, _SHORTEST_LAG / 2.0)
     most = int(_LONGEST_LAG / step)
@@ -195,7 +213,7 @@ def _late(comparison: _Comparison, bases: list[Array]) -> _Tried:
         yield comparison.left(moved, bases), InputFinding("effort_late", sentence, track.names, (lag,))
 
 
-def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
+def _compensated(comparison: EffortComparison, recorded: RecordedMotion) -> _Tried:
     track = comparison.track
     if track.by_gravity is None:
         return
@@ -212,7 +230,7 @@ def _compensated(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
         yield left, InputFinding("effort_compensated", sentence, track.names)
 
 
-def _mounted(comparison: _Comparison, recorded: RecordedMotion) -> _Tried:
+def _mounted(comparison: EffortComparison, recorded: RecordedMotion) -> _Tried:
     """Gravity along another direction of the base than downwards."""
     track = comparison.track
     if track.by_gravity is None:

@@ -9,13 +9,16 @@ from poise.geometry import runs
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.sanity import SHORTEST
 from poise.recording import JointStream
-from poise.robot import RobotModel, blanks, left_out, stands_alone, without_turns
+from poise.robot import RobotModel, blanks, lapsed, left_out, stands_alone, without_turns
 from poise.types import Array, Mask
 
 _MIXED = 0.3
 """Share of the joint states that stand alone from which two publishers cannot be distinguished."""
 _LONGEST_STOP, _ELSEWHERE = 0.3, 0.05
 """s that a position stays exactly the same, and share of its range that another joint moves meanwhile."""
+_STEPS, _LEAP = 0.99, 5.0
+"""Share of the steps of a motion that are no leaps after a stop of the driver, and how much larger a leap is than the
+largest of these."""
 _WIDTHS, _ABRUPT = (1, 2, 4, 8), 2.0
 """Samples over which a change of the velocity counts, and how much larger that of a frozen encoder is than others."""
 
@@ -42,7 +45,7 @@ def _of_one_publisher(
     joints: JointStream, columns: list[int], turning: Mask
 ) -> tuple[JointStream, list[str], list[InputFinding]]:
     position = joints.position[:, columns]
-    alone = blanks(position)
+    alone = blanks(position) | lapsed(position)
     if not alone.any():
         alone = stands_alone(position, turning)
     if not alone.any():
@@ -93,7 +96,7 @@ def _without_frozen(joints: JointStream, columns: list[int]) -> tuple[JointStrea
         for first, last in _stops(seconds, values):
             others = [other for other in columns if other != c]
             moved = np.ptp(joints.position[first : last + 1, others], axis=0) / reach[others]
-            if not (moved > _ELSEWHERE).any():
+            if not (moved > _ELSEWHERE).any() and not _leaps(values, last):
                 continue
             frozen[first + 1 : last + 1] = True
             begin, end = float(seconds[first]), float(seconds[last])
@@ -105,6 +108,13 @@ def _without_frozen(joints: JointStream, columns: list[int]) -> tuple[JointStrea
     if found and float(np.ptp(seconds[~frozen])) < SHORTEST:
         raise InputError(ErrorCode.BAD_INPUT, f"{found[0].sentence[:-1]}, and too little remains")
     return (joints.select(~frozen) if found else joints), found
+
+
+def _leaps(values: Array, last: int) -> bool:
+    """Whether a position (N,) goes on from a sample with a step that no motion of this joint makes: it moved unseen."""
+    steps = np.abs(np.diff(values))
+    usual = float(np.quantile(steps[steps > 0.0], _STEPS)) if steps.any() else 0.0
+    return last + 1 < len(values) and abs(float(values[last + 1] - values[last])) > _LEAP * usual
 
 
 def _stops(seconds: Array, values: Array) -> list[tuple[int, int]]:

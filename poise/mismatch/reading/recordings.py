@@ -14,6 +14,7 @@ from poise.mismatch.reading.frame_motion import recorded_from_frames
 from poise.mismatch.reading.joint_input import check_joints
 from poise.mismatch.reading.joint_motion import recorded_from_streams, seconds_since
 from poise.mismatch.reading.joint_samples import usable_joints
+from poise.mismatch.reading.joints_by_efforts import check_joints_by_efforts
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
@@ -39,6 +40,9 @@ from poise.recording import JointStream, PoseStream, Recording
 from poise.robot import RobotModel, chains, robot_of, usable_odometry
 from poise.simulation.models import urdf_physics
 from poise.types import Array
+
+_WRENCH = ("wrench", "geometry_msgs/msg/WrenchStamped")
+_STATES = ("joint_states", "sensor_msgs/msg/JointState")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +84,7 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
     known = replace(model, gravity=recorded_gravity(recording) if model.gravity is None else model.gravity)
     losses = tuple(loss.sentence for loss in recording.losses)
     if holds(recording, "joint_states"):
-        wrench = recording.wrench() if holds(recording, "wrench") else None
-        streams = recorded_streams(recording, wrench, called)
-        read = read_streams(streams, known, losses)
-        return replace(read, notes=(*_without_stamps(recording), *read.notes))
+        return _of_joint_states(recording, known, losses, called)
     if holds(recording, "joint_commands") and not holds(recording, "tf"):
         raise NoAnswerError(
             ErrorCode.TOPIC_MISSING,
@@ -93,7 +94,8 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
     if not holds(recording, "tf"):
         raise InputError(
             ErrorCode.TOPIC_MISSING,
-            f"{recording.path} has no joint_states and no tf: nothing says how the sensor moved; record them too",
+            f"{recording.path} has no joint_states and no tf: nothing says how the sensor moved; "
+            f"{_elsewhere(recording, _STATES) or 'record them too'}",
         )
     measured, notes = usable(recording.wrench())
     frame = model.sensor_frame or measured.frame_id or "ft_sensor"
@@ -106,6 +108,28 @@ def read_recording(recording: Recording, model: NominalModel, called: Mapping[st
     findings = [*frozen, *check_frame_motion(recorded), *contradicted(recorded, model)]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
+
+
+def _of_joint_states(
+    recording: Recording, known: NominalModel, losses: tuple[str, ...], called: Mapping[str, str] | None
+) -> ReadRecording:
+    wrench = recording.wrench() if holds(recording, "wrench") else None
+    other = _elsewhere(recording, _WRENCH) if wrench is None else ""
+    streams = recorded_streams(recording, wrench, called)
+    try:
+        read = read_streams(streams, known, (*losses, other) if other else losses)
+    except InputError as error:
+        if error.code is not ErrorCode.TOPIC_MISSING or not other:
+            raise
+        raise InputError(error.code, f"{error.message}; {other}") from error
+    return replace(read, notes=(*_without_stamps(recording), *read.notes))
+
+
+def _elsewhere(recording: Recording, wanted: tuple[str, str]) -> str:
+    """Which topics have messages of the type of a missing topic (name, type); "" where none has."""
+    name, kind = wanted
+    found = [topic for topic, there in recording.topics.items() if there == kind]
+    return f"{' '.join(found)} ({kind}) was not read: rename it to {name}" if found else ""
 
 
 def _without_stamps(recording: Recording) -> list[str]:
@@ -183,6 +207,7 @@ def _checked(
     if recorded.effort is not None:
         effort, wrong = None, light_robot(robot, recorded.phi)
         if not wrong:
+            check_joints_by_efforts(robot, recorded, streams.name)
             effort, wrong = checked_efforts(recorded, recorded.effort)
         recorded = replace(recorded, effort=effort)
         findings += wrong

@@ -10,7 +10,7 @@ from poise.geometry import runs
 from poise.mismatch.effects import exceeded, within
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.nominal_model import NominalModel
-from poise.mismatch.recorded import AT_REST, RecordedMotion, moving, white_level
+from poise.mismatch.recorded import AT_REST, WRENCH_CHANNELS, RecordedMotion, moving, white_level
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
@@ -26,9 +26,11 @@ _HEAVIEST, _CARRIED = 20.0, 3.0
 _NOISIER = 5.0
 """Ratio from which the noise that a model states is not that of the readings."""
 _NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
-_FROZEN, _STEPS, _MATERIAL = 0.2, 3.0, 0.05
+_FROZEN, _STEPS, _MATERIAL, _FOLLOWS = 0.2, 3.0, 0.05, 0.2
 """s that a reading stays the same at least; by how many of its steps, and by what share of its range, the model changes
-meanwhile in a channel."""
+meanwhile in a channel; and least range of a channel, relative to that of the model, that responds at other times."""
+_REPEATED = 10
+"""Repetitions in a row that a single channel does not have by chance."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
@@ -189,20 +191,27 @@ def _knocks(spikes: Array) -> bool:
 
 def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[InputFinding]]:
     """The recording without spans in which the wrench repeats one reading, though the load moves, and what they are."""
-    frozen = frozen_spans(recorded.seconds, recorded.wrench, recorded.prediction)
-    if not frozen:
+    read, expected = recorded.wrench, recorded.prediction
+    spans = [("The wrench", span) for span in frozen_spans(recorded.seconds, read, expected)]
+    for channel, name in enumerate(WRENCH_CHANNELS):
+        spans += [
+            (f"{name} of the wrench", span)
+            for span in stuck_spans(recorded.seconds, read[:, channel], expected[:, channel])
+            if not any(begin <= span[0] and span[1] <= end for _, (begin, end) in spans)
+        ]
+    if not spans:
         return recorded, []
     found = [
         InputFinding(
             "wrench_frozen",
-            f"The wrench repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor "
-            "or its driver stopped; this span was left out.",
+            f"{what} repeats one reading from {begin:.2f} s to {end:.2f} s, though the load moves: the sensor or its "
+            "driver stopped; this span was left out.",
             (),
             (begin, end),
         )
-        for begin, end in frozen
+        for what, (begin, end) in spans
     ]
-    return recorded.select(~within(recorded.seconds, frozen)), found
+    return recorded.select(~within(recorded.seconds, [span for _, span in spans])), found
 
 
 def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple[float, float]]:
@@ -224,6 +233,20 @@ def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple
             continue
         moved = np.ptp(expected[first : last + 2], axis=0)
         if ((moved > _STEPS * steps) & (moved / reach > _MATERIAL)).any():
+            found.append((begin, end))
+    return found
+
+
+def stuck_spans(seconds: Array, reading: Array, expected: Array) -> list[tuple[float, float]]:
+    """As `frozen_spans`, of one channel (N,) that follows the model (N,) elsewhere; not at the ends of its range."""
+    if np.ptp(reading) < _FOLLOWS * np.ptp(expected):
+        return []
+    ends = [value for value in (reading.min(), reading.max()) if value != 0.0]
+    found = []
+    for begin, end in frozen_spans(seconds, reading[:, None], expected[:, None]):
+        first, last = np.searchsorted(seconds, (begin, end))
+        # A coarse reading may be the same before and after a gap.
+        if last - first >= _REPEATED and reading[first] not in ends:
             found.append((begin, end))
     return found
 

@@ -9,6 +9,7 @@ from scipy.signal import butter, sosfilt
 
 from poise.mismatch.answer.named import quantities
 from poise.mismatch.effects import effect_named
+from poise.mismatch.effects.part_wrench import shaking
 from poise.mismatch.effects.plate import PLATE
 from poise.mismatch.inference import FittedEffect
 from poise.mismatch.reading import complete_values, recorded_from_motion
@@ -156,6 +157,18 @@ def test_a_weak_line_counts_where_it_lasts_and_the_arm_does_not_move_at_its_freq
     assert found(0.06)[0]["frequency"] == pytest.approx(13.0, abs=0.02)
     assert not found(0.06, moving=0.2)
     assert not found(0.06, lasts=(at.seconds > 5.0) & (at.seconds < 6.0))
+
+
+def test_a_line_that_the_mains_put_into_the_channels_is_no_vibration():
+    """It neither turns with the base nor has the lever of the load; a base that vibrates as much has both."""
+    at, effect = recorded(jitter=0.0), effect_named("external_vibration")
+    noise = np.random.default_rng(5).normal(size=(len(at), 6)) * np.repeat([0.1, 0.005], 3)
+    when = {"start": 0.0, "length": at.duration, "frequency": 31.3}
+    shaken = effect.simulate(at, filled(effect, at, when | {"sine_x": 0.1, "cosine_y": 0.1}))
+    hum = np.sin(2.0 * np.pi * 31.3 * at.seconds)[:, None] * shaken.std(axis=0) * np.sqrt(2.0)
+    assert [each["frequency"] for each in effect.starts(at, shaken + noise)] == [pytest.approx(31.3, abs=0.01)]
+    assert not list(effect.starts(at, hum + noise))
+    assert list(effect.oscillations(at, shaking(at, hum + noise)))
 
 
 @pytest.mark.parametrize("tone", [0.0, 2.0])

@@ -367,3 +367,14 @@ def test_a_rope_that_the_payload_lacks_is_one_cause():
     _, best = search(problem, [rope, effect_named("slosh"), effect_named("payload_parameters")])
     assert names(best) == ("hanging_chain",)
     assert "lacks them" in rope.sentence(at, best.parts[0].values)
+
+
+def test_a_payload_where_the_model_has_none_reports_its_own_centre_of_mass() -> None:
+    at, effect = replace(fine(), phi=np.zeros(10)), effect_named("payload_parameters")
+    assert effect is not None
+    names_of = [parameter.name for parameter in effect.parameters(at)]
+    found = effect.derived(at, dict(zip(names_of, PAYLOAD.phi.tolist(), strict=True)))
+    assert [found[f"com_{axis}"][0] for axis in "xyz"] == pytest.approx(PAYLOAD.com)
+    assert [found[f"inertia_{axes}"][0] for axes in ("xx", "xy", "xz", "yy", "yz", "zz")] == pytest.approx(
+        PAYLOAD.inertia_vector
+    )
