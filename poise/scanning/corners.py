@@ -22,13 +22,14 @@ _BORDER = 2
 """Cells by which a footprint is wider than what rises."""
 _FEW, _FEWEST_VIEWS = 15, 5
 """Pixels of a view in either place, and views, below which nothing is known."""
-_LEAST, _SURE = 4e-4, 4.0
-"""m by which the seen surface is off, and standard errors, from which on the table is seen lower."""
-_SIDES = 2.5
-"""Of how much lower the table is seen, by which the seen surface is off on average. A single reflection between a
-table and an upright wall of 30 to 100 mm moves the wall by 4 to 7 times as much as the table 12 to 39 mm in front of it
-where the camera looks down by 45 degrees, and by 2 to 15 times, as the tangent of that angle, from 25 to 65 degrees:
-the steeper, the more light the table has, and the wall has less. Sides are half of what is seen of an object."""
+_LEAST, _SURE = 8e-4, 4.0
+"""m by which upright faces are off, and standard errors, from which on the table is seen lower: less moves what is
+seen of an object, of which half is sides, by less than 0.4 mm."""
+_WALLS = 5.0
+"""Of how much lower the table is seen, by which upright faces are off. A single reflection between a table and an
+upright wall of 30 to 100 mm moves the wall by 4 to 7 times as much as the table 12 to 39 mm in front of it where the
+camera looks down by 45 degrees, and by 2 to 15 times, as the tangent of that angle, from 25 to 65 degrees: the steeper,
+the more light the table has, and the wall has less."""
 _FACING = 0.5
 """Cosine, seen from above, between the ways from a place of the table to the camera and away from the object, from
 which on the camera also sees (and lights) the side of the object that faces this place."""
@@ -50,11 +51,18 @@ class Sunken:
 
     Args:
         low: m.
-        inwards: m, one sigma, by which all of the seen surface may be off inwards for the same reason.
+        inwards: m, one sigma, by which upright faces may be off inwards for the same reason.
     """
 
     low: float = 0.0
     inwards: float = 0.0
+
+    def of_faces(self, normals: Array, up: Array) -> Array:
+        """(N,) m, one sigma, by which faces of outward normals (N, 3) may be off inwards.
+
+        It follows how much of the table a face sees: nothing where it faces up. What faces down counts as upright.
+        """
+        return np.asarray(self.inwards * np.clip(1 - normals @ up, 0, 1))
 
 
 @dataclass(frozen=True)
@@ -115,14 +123,14 @@ def _sunken(views: Sequence[View], rings: _Rings, farthest: float) -> Sunken:
 
 
 def _lower(view: View, rings: _Rings, farthest: float) -> tuple[float, float] | None:
-    """m by which a view sees the table lower beside the object, and its surface inwards; None where it shows little."""
+    """m by which a view sees the table lower beside the object, and upright faces inwards; None: unknown."""
     plane = rings.beside.plane
     placed = plane.placed(pixels_of(view, _PIXELS, farthest)).astype(np.float64)
     placed = placed[np.abs(placed[:, 2]) < max(NEAR, 3 * plane.thickness)]
     beside, away = (placed[ring.holds(placed[:, 0], placed[:, 1])] for ring in (rings.beside, rings.away))
     if rings.outwards is None:
         low = _between(beside[:, 2], away[:, 2])
-        return None if low is None else (low, _SIDES * low)
+        return None if low is None else (low, _WALLS * low)
     eye = plane.placed(view.translation_world_camera[None])[0].astype(np.float64)
     beside = beside[_in_front(beside, eye, rings)]
     if min(len(beside), len(away)) < _FEW:
@@ -130,7 +138,7 @@ def _lower(view: View, rings: _Rings, farthest: float) -> tuple[float, float] | 
     level = _level(away)
     low = _between(beside[:, 2] - level(beside), away[:, 2] - level(away))
     across = float(np.median(np.hypot(*(beside - eye).T[:2])))
-    return None if low is None else (low, _SIDES * low * min(eye[2] / max(across, 1e-6), _STEEPEST))
+    return None if low is None else (low, _WALLS * low * min(eye[2] / max(across, 1e-6), _STEEPEST))
 
 
 def _between(beside: Array, away: Array) -> float | None:
