@@ -4,8 +4,8 @@ Light that table and object reflect onto each other arrives late (multipath), so
 views share this error, and agree. But the table is flat, and is then seen lower beside the object than elsewhere.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -13,26 +13,75 @@ from scipy import ndimage
 from poise.scanning.flatness import few_of
 from poise.scanning.frames import View
 from poise.scanning.fusion import pixels_of
-from poise.scanning.support import NEAR, Footprint
+from poise.scanning.support import CELL, NEAR, Footprint
+from poise.types import Array, Mask
 
 _PIXELS = 6000
 """Of a view, that are asked for."""
-_BESIDE, _AWAY = 3, (8, 25)
-"""Cells from what rises over the table: up to these it is beside the object, and between these it is elsewhere."""
 _BORDER = 2
 """Cells by which a footprint is wider than what rises."""
 _FEW, _FEWEST_VIEWS = 15, 5
 """Pixels of a view in either place, and views, below which nothing is known."""
-_LEAST, _SURE = 1.6e-4, 4.0
-"""m, and standard errors, from which on the table is seen lower: less moves the surface by less than 0.4 mm."""
-_SIDES = 2.5
-"""Of this depth, by which the seen surface is off on average: a single reflection between a table and upright walls of
-30 to 100 mm moves the walls by 4.6 to 6.5 times as much as the table 3 to 9 mm beside them, and sides are half of what
-is seen of an object."""
+_LEAST, _SURE = 8e-4, 4.0
+"""m by which upright faces are off, and standard errors, from which on the table is seen lower: less moves what is
+seen of an object, of which half is sides, by less than 0.4 mm."""
+_WALLS = 5.0
+"""Of how much lower the table is seen, by which upright faces are off. A single reflection between a table and an
+upright wall of 30 to 100 mm moves the wall by 4 to 7 times as much as the table 12 to 39 mm in front of it where the
+camera looks down by 45 degrees, and by 2 to 15 times, as the tangent of that angle, from 25 to 65 degrees: the steeper,
+the more light the table has, and the wall has less."""
+_FACING = 0.5
+"""Cosine, seen from above, between the ways from a place of the table to the camera and away from the object, from
+which on the camera also sees (and lights) the side of the object that faces this place."""
+_STEEPEST = 3.7
+"""Tangent of 75 degrees, above which views show no sides."""
 
 
-def sunken(views: Sequence[View], footprint: Footprint, farthest: float) -> float:
-    """m by which views see the table lower beside the object than elsewhere; 0 where they do not, or show too little.
+_PLACES = ((1, 3, 8, 25, False), (4, 13, 34, 84, True))
+"""First and last cells beside the object and elsewhere, and whether only those in front of it count.
+
+Light that the table and the object reflect onto each other sinks the table most at 12 to 39 mm from a side that is
+seen, and hardly from 0.1 m on. What spreads between pixels, or close to a fold, sinks it next to the object.
+"""
+
+
+@dataclass(frozen=True)
+class Sunken:
+    """How much lower views see the table beside the object; all 0 where they do not.
+
+    Args:
+        low: m.
+        inwards: m, one sigma, by which upright faces may be off inwards for the same reason.
+    """
+
+    low: float = 0.0
+    inwards: float = 0.0
+
+    def of_faces(self, normals: Array, up: Array) -> Array:
+        """(N,) m, one sigma, by which faces of outward normals (N, 3) may be off inwards.
+
+        It follows how much of the table a face sees: nothing where it faces up. What faces down counts as upright.
+        """
+        return np.asarray(self.inwards * np.clip(1 - normals @ up, 0, 1))
+
+
+@dataclass(frozen=True)
+class _Rings:
+    """Where the table is compared with itself.
+
+    Args:
+        beside, away: the cells beside the object, and those of the table elsewhere.
+        outwards: (2, X, Y) cells, from the nearest cell of the object to each; None: all sides count, and the angle at
+            which the camera looks down does not.
+    """
+
+    beside: Footprint
+    away: Footprint
+    outwards: Array | None
+
+
+def sunken(views: Sequence[View], footprint: Footprint, farthest: float) -> Sunken:
+    """By how much views see the table lower beside the object than elsewhere; 0 where they do not, or show too little.
 
     Each view is compared with itself, so that errors of the poses do not count.
 
@@ -41,35 +90,77 @@ def sunken(views: Sequence[View], footprint: Footprint, farthest: float) -> floa
         footprint: where the object stands.
         farthest: m from the camera up to which it is looked at.
     """
-    rings = _rings(footprint)
-    lower = [low for view in few_of(views) if (low := _lower(view, rings, farthest)) is not None]
-    if len(lower) < _FEWEST_VIEWS:
-        return 0.0
-    middle = float(np.median(lower))
-    spread = 1.4826 * float(np.median(np.abs(np.array(lower) - middle)))
-    return middle if middle > max(_LEAST, _SURE * 1.25 * spread / np.sqrt(len(lower))) else 0.0
+    few = few_of(views)
+    found = [_sunken(few, rings, farthest) for rings in _rings(footprint)]
+    return max(found, key=lambda one: one.inwards)
 
 
-def pushed_back(low: float) -> float:
-    """m, one sigma, by which all of the seen surface may be off inwards, where the table is seen lower beside it."""
-    return _SIDES * low
-
-
-def _rings(footprint: Footprint) -> tuple[Footprint, Footprint]:
-    """The cells beside the object, and those of the table elsewhere."""
+def _rings(footprint: Footprint) -> list[_Rings]:
+    """The cells of each of `_PLACES`."""
     rises = ndimage.binary_erosion(footprint.cells, iterations=_BORDER)
-    apart = ndimage.distance_transform_edt(~rises)
-    least, most = _AWAY
-    beside, away = (apart > 1) & (apart <= _BESIDE), (apart > least) & (apart <= most)
-    return replace(footprint, cells=beside), replace(footprint, cells=away)
+    apart, nearest = ndimage.distance_transform_edt(~rises, return_indices=True)
+    outwards = np.indices(rises.shape) - nearest
+    return [
+        _Rings(
+            replace(footprint, cells=(apart > first) & (apart <= last)),
+            replace(footprint, cells=(apart > least) & (apart <= most)),
+            outwards if in_front else None,
+        )
+        for first, last, least, most, in_front in _PLACES
+    ]
 
 
-def _lower(view: View, rings: tuple[Footprint, Footprint], farthest: float) -> float | None:
-    """m by which a view sees the table lower beside the object than elsewhere; None where it shows too little."""
-    plane = rings[0].plane
-    x, y, heights = plane.placed(pixels_of(view, _PIXELS, farthest)).T.astype(np.float64)
-    level = np.abs(heights) < max(NEAR, 3 * plane.thickness)
-    beside, away = (heights[level & ring.holds(x, y)] for ring in rings)
+def _sunken(views: Sequence[View], rings: _Rings, farthest: float) -> Sunken:
+    """What one pair of rings shows."""
+    shown = [one for view in views if (one := _lower(view, rings, farthest)) is not None]
+    if len(shown) < _FEWEST_VIEWS:
+        return Sunken()
+    low, inwards = np.array(shown).T
+    middle = float(np.median(inwards))
+    spread = 1.4826 * float(np.median(np.abs(inwards - middle)))
+    sure = middle > max(_LEAST, _SURE * 1.25 * spread / np.sqrt(len(inwards)))
+    return Sunken(float(np.median(low)), middle) if sure else Sunken()
+
+
+def _lower(view: View, rings: _Rings, farthest: float) -> tuple[float, float] | None:
+    """m by which a view sees the table lower beside the object, and upright faces inwards; None: unknown."""
+    plane = rings.beside.plane
+    placed = plane.placed(pixels_of(view, _PIXELS, farthest)).astype(np.float64)
+    placed = placed[np.abs(placed[:, 2]) < max(NEAR, 3 * plane.thickness)]
+    beside, away = (placed[ring.holds(placed[:, 0], placed[:, 1])] for ring in (rings.beside, rings.away))
+    if rings.outwards is None:
+        low = _between(beside[:, 2], away[:, 2])
+        return None if low is None else (low, _WALLS * low)
+    eye = plane.placed(view.translation_world_camera[None])[0].astype(np.float64)
+    beside = beside[_in_front(beside, eye, rings)]
     if min(len(beside), len(away)) < _FEW:
         return None
-    return float(np.median(away) - np.median(beside))
+    level = _level(away)
+    low = _between(beside[:, 2] - level(beside), away[:, 2] - level(away))
+    across = float(np.median(np.hypot(*(beside - eye).T[:2])))
+    return None if low is None else (low, _WALLS * low * min(eye[2] / max(across, 1e-6), _STEEPEST))
+
+
+def _between(beside: Array, away: Array) -> float | None:
+    """m by which heights beside are lower than those away; None for few."""
+    return None if min(len(beside), len(away)) < _FEW else float(np.median(away) - np.median(beside))
+
+
+def _in_front(places: Array, eye: Array, rings: _Rings) -> Mask:
+    """(N,) whether the side of the object that is nearest to places (N, 3) of the table faces the camera at `eye`."""
+    cell = np.floor((places[:, :2] - rings.beside.low) / CELL).astype(np.int64)
+    outwards = np.asarray(rings.outwards)[:, cell[:, 0], cell[:, 1]].T
+    toward = eye[:2] - places[:, :2]
+    lengths = np.linalg.norm(outwards, axis=1) * np.linalg.norm(toward, axis=1)
+    return np.asarray(np.einsum("ni,ni->n", outwards, toward) > _FACING * lengths)
+
+
+def _level(places: Array) -> Callable[[Array], Array]:
+    """Heights of the plane through places (N, 3) of the table, which one view sees tilted where its pose is off."""
+    middle = places[:, :2].mean(axis=0)
+
+    def terms(at: Array) -> Array:
+        return np.column_stack([np.ones(len(at)), at[:, :2] - middle])
+
+    found = np.linalg.lstsq(terms(places), places[:, 2], rcond=None)[0]
+    return lambda at: np.asarray(terms(at) @ found)

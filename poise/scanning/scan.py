@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.scanning.causes import likely_cause
 from poise.scanning.completion import Completed, complete
-from poise.scanning.corners import pushed_back, sunken
+from poise.scanning.corners import Sunken, sunken
 from poise.scanning.depth_scale import rescaled
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, fuse
@@ -124,7 +124,7 @@ def scan(
     reach(0.0)
     found, said = _best(views, Path.of(views, delayed), options, reach)
     low = sunken(found.views, found.footprint, options.farthest)
-    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt) + _late(low)
+    surface, notes = found.surface, said + found.notes + _uncertain(found.doubt) + _late(low.low)
     if surface.agreed < AGREED_WELL:
         notes.append(f"the views agree on {surface.agreed:.0%} of the surface only")
     if surface.sparse:
@@ -140,7 +140,7 @@ def scan(
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
     cloud = whole.points, whole.colours, whole.normals, seen
-    doubt = None if hidden is None else _doubt(len(surface.points), found, pushed_back(low), hidden.doubt)
+    doubt = None if hidden is None else _doubt(found, low, hidden.doubt)
     air = None if hidden is None or found.pushed else hidden.air
     counts = found.n_objects, len(found.views), found.moved
     return Scan(*cloud, found.footprint.plane, *counts, surface.agreed, tuple(notes), doubt, air, found.doubt.sigma)
@@ -236,13 +236,14 @@ def _agreeing(
     return replace(found, notes=[*found.notes, note])
 
 
-def _doubt(n_seen: int, found: Observed, pushed_back: float, completed: Array) -> Array:
-    """(N,) doubt of each point, of which the seen ones may be off by the poses, and pushed back so many m by corners.
+def _doubt(found: Observed, low: Sunken, completed: Array) -> Array:
+    """(N,) doubt of each point, of which the seen ones may be off by the poses, and pushed back by corners.
 
     After a push half of the views are where they were fitted to, and shapes are less certain.
     """
+    pushed_back = low.of_faces(found.surface.normals, found.footprint.plane.normal)
     return np.append(
-        np.full(n_seen, np.hypot(found.doubt.sigma, pushed_back)),
+        np.hypot(found.doubt.sigma, pushed_back),
         np.maximum(completed, HIDDEN_OFF if found.pushed else 0.0),
     )
 

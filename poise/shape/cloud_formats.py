@@ -22,6 +22,9 @@ _PLY_TYPES = {
 }  # fmt: skip
 _COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_COMMENT = re.compile(
+    r"(^\s*(#|//)|(?<=[\d.])\s*(#|//)|(^|(?<=[\d.])\s)\s*;(?=\s*[^\W\d])(?!\s*(nan|inf)\b)).*", re.IGNORECASE
+)
 _UNIT = 0.02
 """Off from one, of the length of a normal."""
 _NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
@@ -179,20 +182,25 @@ def _channels(packed: NDArray[np.generic]) -> dict[str, NDArray[np.generic]]:
 
 
 def read_text(content: bytes, name: str) -> CloudTable:
-    """Lines of x y z [r g b ...] or x y z nx ny nz, parted by blanks, commas or semicolons; # and // begin a comment.
+    """Lines of x y z [r g b ...] or x y z nx ny nz, parted by blanks, commas or semicolons.
 
-    A first line may name the columns, or say how many lines follow. Numbers of the lines in front are left aside.
+    A comment begins with #, // or, where no numbers follow, with a semicolon; it is a line, or the end of one. A first
+    line may name the columns, or say how many lines follow, also with a line of text after it (XYZ of chemistry).
+    Numbers of the lines in front are left aside.
     """
     text = content.decode("utf-8", "replace").lstrip("\ufeff")
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    lines = [line for line in (_COMMENT.sub("", line) for line in text.splitlines()) if line.strip()]
     numbers = re.split(r"[;\s]+", lines[-1].strip(" ;\t")) if lines else []
     if len(numbers) > 2 and all(map(_DECIMAL_COMMA.fullmatch, numbers)):
         lines = [line.replace(",", ".") for line in lines]
+    counted = len(lines) > 2 and lines[0].strip() == str(len(lines) - 2)
+    if counted or (len(lines) > 1 and lines[0].strip() == str(len(lines) - 1)):
+        lines.pop(0)
+    if counted and not {"x", "y", "z"} <= set(_headings(lines[0])):
+        lines.pop(0)
     head = lines[0] if lines else ""
     lines = [re.sub(r"[,;\t]", " ", line) for line in lines]
     names = ["x", "y", "z", "red", "green", "blue"]
-    if len(lines) > 1 and lines[0].strip() == str(len(lines) - 1):
-        lines.pop(0)
     named = False
     if lines and re.match(r"\s*[\"']?[A-Za-z_]", lines[0]) and not re.match(r"\s*(nan|inf)\b", lines[0], re.IGNORECASE):
         lines.pop(0)

@@ -79,6 +79,11 @@ FILES = {
     "commas.csv": text(",", "x,y,z,r,g,b\n"),
     "semicolons.txt": text("; "),
     "units.csv": text(",", '"X (m)","Y [m]",Z,Red,Green,Blue\n'),
+    "semicolon_comments.xyz": text(" ", "; by a scanner\n;in metres\n").replace(b"\n", b" ; a point\n"),
+    "ends.xyz": text(" ").replace(b"\n", b" # a point\n", 2).replace(b"\n", b" // the last\n"),
+    "counted.xyz": text(" ", "4\n"),
+    "titled.xyz": text(" ", "4\nscan 7 of a mug\n"),
+    "counted_names.xyz": text(";", "4\nx;y;z;r;g;b\n"),
     "numbered.xyz": b"".join(b"%d %s\n" % (i, line) for i, line in enumerate(text(" ").splitlines())),
 }
 
@@ -91,6 +96,15 @@ def test_every_format_gives_the_same_points(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(cloud.points, POINTS, atol=1e-8)
     assert cloud.colours is not None
     np.testing.assert_allclose(cloud.colours, COLOURS / 255, atol=1e-6)
+
+
+def test_a_semicolon_before_what_is_no_number_parts_columns(tmp_path: Path) -> None:
+    path = tmp_path / "between.xyz"
+    rows = [" ; ".join(map(str, point)) for point in POINTS.tolist()]
+    path.write_text(
+        "\n".join(["point # ; x ; y ; z", *(f"{7 * i} ; {row}" for i, row in enumerate(rows)), "9;0;nan ; inf"])
+    )
+    np.testing.assert_allclose(read_cloud(path).points, POINTS, atol=1e-8)
 
 
 def test_arrays_with_colours_and_without(tmp_path: Path) -> None:
