@@ -189,7 +189,10 @@ def read_text(content: bytes, name: str) -> CloudTable:
     Numbers of the lines in front are left aside.
     """
     text = content.decode("utf-8", "replace").lstrip("\ufeff")
-    lines = [line for line in (_COMMENT.sub("", line) for line in text.splitlines()) if line.strip()]
+    lines = text.splitlines()
+    if any(mark in text for mark in ("#", "//", ";")):
+        lines = [_COMMENT.sub("", line) for line in lines]
+    lines = [line for line in lines if line.strip()]
     numbers = re.split(r"[;\s]+", lines[-1].strip(" ;\t")) if lines else []
     if len(numbers) > 2 and all(map(_DECIMAL_COMMA.fullmatch, numbers)):
         lines = [line.replace(",", ".") for line in lines]
