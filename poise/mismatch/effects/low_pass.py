@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_motion import crept
+from poise.mismatch.effects.part_motion import Oscillator, crept
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -12,12 +14,17 @@ _FASTEST = 0.006
 
 
 class LowPass(Effect):
-    """T dw_read/dt = w - w_read, discretised exactly for a wrench that is linear between samples."""
+    """T dw_read/dt = w - w_read, discretised exactly for a wrench that is linear between samples.
+
+    Or a Butterworth filter of second order, which delays slow wrenches by as much, and hardly rounds them.
+    """
 
     name = "low_pass"
     layer = "sensor"
-    equation = "T dw_read/dt = w - w_read"
-    source = "first-order filter, exact for a first-order hold (Franklin, Powell, Workman 1998, section 6.3)"
+    equation = "T dw_read/dt = w - w_read; of second order T^2 w_read''/2 + T w_read' = w - w_read"
+    source = (
+        "first-order and Butterworth filter, exact for a first-order hold (Franklin, Powell, Workman 1998, section 6.3)"
+    )
     excited_by = "wrenches that change quickly"
     separating_motion = "quick turns both ways, and steps: a filter rounds corners, a delay keeps them"
     confused_with = ("clock_offset", "joint_offset", "sensor_creep")
@@ -26,25 +33,47 @@ class LowPass(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return (EffectParameter("time_constant", "s", low=_FASTEST, high=1.0, linear=False, log=True),)
+        return (
+            EffectParameter("second_order", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
+            EffectParameter("time_constant", "s", low=_FASTEST, high=1.0, linear=False, log=True),
+        )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
-        for time_constant in (0.01, 0.05, 0.25):
-            yield {"time_constant": time_constant}
+        for second_order in (0.0, 1.0):
+            for time_constant in (0.01, 0.05, 0.25):
+                yield {"second_order": second_order, "time_constant": time_constant}
+
+    def law(self, values: Values) -> str:
+        return "second order" if _second_order(values) else "first order"
+
+    def renewed(self, values: Values) -> Values:
+        """Models of earlier versions, and those who write one, leave the order out: it is the first."""
+        return {"second_order": 0.0, **values}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        (constant,) = self.parameters(recorded)
+        _, constant = self.parameters(recorded)
         if constant.at_end(values[constant.name]):
             return f"time_constant would be at most {_FASTEST} s, or at least {constant.high:g} s"
         return super().implausible(recorded, values)
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        return crept(recorded.seconds, recorded.prediction, values["time_constant"]) - recorded.prediction
+        constant, wrench = values["time_constant"], recorded.prediction
+        if not _second_order(values):
+            return crept(recorded.seconds, wrench, constant) - wrench
+        stiffness = 2.0 / constant**2
+        return np.asarray(Oscillator(recorded.seconds, stiffness, 2.0 / constant)(stiffness * wrench)[0] - wrench)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
-        return (
-            f"The wrench is smoothed with a time constant of {1e3 * values['time_constant']:.1f} ms: "
-            "the nominal sensor has no filter."
+        constant = values["time_constant"]
+        kind = (
+            f"by a Butterworth filter of second order with a bandwidth of {np.sqrt(0.5) / (np.pi * constant):.3g} Hz"
+            if _second_order(values)
+            else f"with a time constant of {1e3 * constant:.1f} ms"
         )
+        return f"The wrench is smoothed {kind}: the nominal sensor has no filter."
+
+
+def _second_order(values: Values) -> bool:
+    return values.get("second_order", 0.0) > 0.5

@@ -110,6 +110,21 @@ def test_a_low_pass_answers_a_step_and_a_sine_as_in_the_book(time_constant):
     np.testing.assert_allclose(read[settled], gain * np.sin(omega * sine.seconds[settled] + phase), atol=1e-3)
 
 
+@pytest.mark.parametrize("bandwidth", [2.0, 8.0])
+def test_a_butterworth_filter_answers_a_sine_as_in_the_book_and_delays_a_ramp_by_its_time_constant(bandwidth):
+    constant = np.sqrt(2.0) / (2 * np.pi * bandwidth)
+    sine = saying(lambda t: np.sin(2 * np.pi * 1.5 * t))
+    read = (sine.prediction + response("low_pass", sine, second_order=1.0, time_constant=constant))[:, 3]
+    ratio = 1.5 / bandwidth
+    answer = 1.0 / (1.0 - ratio**2 + 1j * np.sqrt(2.0) * ratio)
+    settled = sine.seconds > 20 * constant + 1
+    expected = np.abs(answer) * np.sin(2 * np.pi * 1.5 * sine.seconds[settled] + np.angle(answer))
+    np.testing.assert_allclose(read[settled], expected, atol=1e-3)
+    ramp = saying(lambda t: t)
+    read = (ramp.prediction + response("low_pass", ramp, second_order=1.0, time_constant=constant))[:, 0]
+    np.testing.assert_allclose(read[settled], ramp.seconds[settled] - constant, atol=1e-6)
+
+
 def test_creep_grows_to_its_share_with_its_time_constant():
     load = saying(lambda t: np.where(t > 2.0, 10.0, 0.0))
     found = response("sensor_creep", load, fraction=0.05, time_constant=3.0)[:, 0]
