@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+import scipy
 from cases import ROBOT, _payload, _trajectory
 from field_robots import ARM
 from scipy.ndimage import gaussian_filter1d
@@ -296,6 +297,24 @@ def test_smoothing_beside_a_late_clock_is_no_filter(late: float, constant: float
     library = [effect_named(name) for name in ("clock_offset", "low_pass")]
     found = diagnose(about, NominalModel(phi=recorded.phi), library=[each for each in library if each is not None])
     assert [each.effect.name for each in found.findings] == [expected]
+
+
+def test_a_butterworth_filter_is_no_late_clock() -> None:
+    """It delays slow wrenches as a late clock does. That of scipy runs at 20 times the rate of the recording."""
+    recorded, rng = motion(), np.random.default_rng(4)
+    bandwidth, finer = 4.0, 20
+    fine = np.linspace(recorded.seconds[0], recorded.seconds[-1], finer * (len(recorded) - 1) + 1)
+    taps = scipy.signal.butter(2, bandwidth, output="sos", fs=finer / recorded.period)
+    load = at_times(recorded.seconds, recorded.prediction, fine)
+    begin = scipy.signal.sosfilt_zi(taps)[:, :, None] * load[0]
+    wrench = scipy.signal.sosfilt(taps, load, axis=0, zi=begin)[0][::finer]
+    about = replace(recorded, wrench=wrench + SIGMA * rng.normal(size=wrench.shape))
+    library = [effect_named(name) for name in ("clock_offset", "low_pass")]
+    found = diagnose(about, NominalModel(phi=recorded.phi), library=[each for each in library if each is not None])
+    assert [each.effect.name for each in found.findings] == ["low_pass"]
+    assert "Butterworth" in found.findings[0].sentence
+    constant = found.findings[0].parameters["time_constant"]
+    assert abs(constant.value - np.sqrt(0.5) / (np.pi * bandwidth)) < 3.0 * constant.std
 
 
 @pytest.mark.parametrize(("late", "expected"), [(0.6, []), (3.0, ["clock_skew"])])

@@ -89,7 +89,7 @@ TYPICAL = {
     "sensor_gain": {"gain_fx_fx": 0.06, "gain_fz_fz": -0.05, "gain_fx_fy": 0.04, "gain_tx_fy": 0.004},
     "gain_drift": {"zero": 0.5, "time_constant": 8.0, "gain": 0.04},
     "sensor_rotation": {"rotation_x": 0.02, "rotation_y": -0.018, "rotation_z": 0.012},
-    "low_pass": {"time_constant": 0.08},
+    "low_pass": {"second_order": 0.0, "time_constant": 0.08},
     "clock_offset": {"offset": 0.025},
     "joint_offset": {"offset_5": 0.012, "offset_6": -0.015},
     "payload_parameters": {"mass": 0.13, "moment_x": 0.02, "moment_z": -0.015, "ixx": 0.004},
