@@ -13,7 +13,7 @@ from scipy import ndimage
 from poise.scanning.flatness import few_of
 from poise.scanning.frames import View
 from poise.scanning.fusion import pixels_of
-from poise.scanning.support import CELL, NEAR, Footprint
+from poise.scanning.support import CELL, NEAR, Footprint, Plane
 from poise.types import Array, Mask
 
 _PIXELS = 6000
@@ -90,8 +90,8 @@ def sunken(views: Sequence[View], footprint: Footprint, farthest: float) -> Sunk
         footprint: where the object stands.
         farthest: m from the camera up to which it is looked at.
     """
-    few = few_of(views)
-    found = [_sunken(few, rings, farthest) for rings in _rings(footprint)]
+    seen = [_table(view, footprint.plane, farthest) for view in few_of(views)]
+    found = [_sunken(seen, rings) for rings in _rings(footprint)]
     return max(found, key=lambda one: one.inwards)
 
 
@@ -110,9 +110,16 @@ def _rings(footprint: Footprint) -> list[_Rings]:
     ]
 
 
-def _sunken(views: Sequence[View], rings: _Rings, farthest: float) -> Sunken:
-    """What one pair of rings shows."""
-    shown = [one for view in views if (one := _lower(view, rings, farthest)) is not None]
+def _table(view: View, plane: Plane, farthest: float) -> tuple[Array, Array]:
+    """(3,) where the camera of a view is, and (N, 3) what it sees of the table, over the plane of the table, m."""
+    placed = plane.placed(pixels_of(view, _PIXELS, farthest)).astype(np.float64)
+    eye = plane.placed(view.translation_world_camera[None])[0].astype(np.float64)
+    return eye, placed[np.abs(placed[:, 2]) < max(NEAR, 3 * plane.thickness)]
+
+
+def _sunken(seen: Sequence[tuple[Array, Array]], rings: _Rings) -> Sunken:
+    """What one pair of rings shows in views of the table, see `_table`."""
+    shown = [one for eye, table in seen if (one := _lower(eye, table, rings)) is not None]
     if len(shown) < _FEWEST_VIEWS:
         return Sunken()
     low, inwards = np.array(shown).T
@@ -122,28 +129,20 @@ def _sunken(views: Sequence[View], rings: _Rings, farthest: float) -> Sunken:
     return Sunken(float(np.median(low)), middle) if sure else Sunken()
 
 
-def _lower(view: View, rings: _Rings, farthest: float) -> tuple[float, float] | None:
+def _lower(eye: Array, table: Array, rings: _Rings) -> tuple[float, float] | None:
     """m by which a view sees the table lower beside the object, and upright faces inwards; None: unknown."""
-    plane = rings.beside.plane
-    placed = plane.placed(pixels_of(view, _PIXELS, farthest)).astype(np.float64)
-    placed = placed[np.abs(placed[:, 2]) < max(NEAR, 3 * plane.thickness)]
-    beside, away = (placed[ring.holds(placed[:, 0], placed[:, 1])] for ring in (rings.beside, rings.away))
-    if rings.outwards is None:
-        low = _between(beside[:, 2], away[:, 2])
-        return None if low is None else (low, _WALLS * low)
-    eye = plane.placed(view.translation_world_camera[None])[0].astype(np.float64)
-    beside = beside[_in_front(beside, eye, rings)]
+    beside, away = (table[ring.holds(table[:, 0], table[:, 1])] for ring in (rings.beside, rings.away))
+    if rings.outwards is not None:
+        beside = beside[_in_front(beside, eye, rings)]
     if min(len(beside), len(away)) < _FEW:
         return None
+    if rings.outwards is None:
+        low = float(np.median(away[:, 2]) - np.median(beside[:, 2]))
+        return low, _WALLS * low
     level = _level(away)
-    low = _between(beside[:, 2] - level(beside), away[:, 2] - level(away))
+    low = float(np.median(away[:, 2] - level(away)) - np.median(beside[:, 2] - level(beside)))
     across = float(np.median(np.hypot(*(beside - eye).T[:2])))
-    return None if low is None else (low, _WALLS * low * min(eye[2] / max(across, 1e-6), _STEEPEST))
-
-
-def _between(beside: Array, away: Array) -> float | None:
-    """m by which heights beside are lower than those away; None for few."""
-    return None if min(len(beside), len(away)) < _FEW else float(np.median(away) - np.median(beside))
+    return low, _WALLS * low * min(eye[2] / max(across, 1e-6), _STEEPEST)
 
 
 def _in_front(places: Array, eye: Array, rings: _Rings) -> Mask:

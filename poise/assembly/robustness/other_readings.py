@@ -227,8 +227,8 @@ def _uniform(item: RigidObject) -> RigidObject:
 def _equally_tall(assembly: Assembly, movable: Sequence[RigidObject]) -> Iterator[SceneReading]:
     """Boxes and cylinders of nearly one height, as supports of a board, have the same one."""
     up = -np.asarray(assembly.gravity) / np.linalg.norm(assembly.gravity)
-    sides = {item.id: side for item in movable if (side := _side_along(item, up)) is not None}
-    heights = {item.id: float(_sides(item)[sides[item.id]]) for item in movable if item.id in sides}
+    upright = {item.id: found for item in movable if (found := _upright(item, up)) is not None}
+    heights = {name: length for name, (_, length) in upright.items()}
     groups: list[list[str]] = []
     for name in sorted(heights, key=heights.__getitem__):
         if groups and heights[name] < (1.0 + _TALL) * heights[groups[-1][0]]:
@@ -240,27 +240,27 @@ def _equally_tall(assembly: Assembly, movable: Sequence[RigidObject]) -> Iterato
         means = {name: float(np.mean([heights[one] for one in group])) for group in near for name in group}
         known = ", ".join(f"{1e3 * heights[name]:.1f}" for name in near[0][:3])
         words = f"{', '.join(near[0][:3])} are equally tall (not {known} mm)"
-        yield _read(assembly, words, list(means), lambda item: _as_long(item, sides[item.id], means[item.id]))
+        yield _read(assembly, words, list(means), lambda item: _as_long(item, upright[item.id][0], means[item.id]))
 
 
-def _sides(item: RigidObject) -> Array:
-    return np.asarray(np.ptp(item.shape.polyhedron.vertices, axis=0))
-
-
-def _side_along(item: RigidObject, up: Array) -> int | None:
-    """Which side of a box, or the length of a cylinder, is upright; None for other shapes and poses."""
+def _upright(item: RigidObject, up: Array) -> tuple[int, float] | None:
+    """Which side of a box, or the axis of a cylinder, is upright, and its length; None for other shapes and poses."""
     along = np.abs(item.pose.rotation.T @ up)
     side = int(np.argmax(along))
-    fits = isinstance(item.shape, Box) or (isinstance(item.shape, Cylinder) and side == 2)
-    return side if fits and along[side] > _UPRIGHT else None
+    if isinstance(item.shape, Box) and along[side] > _UPRIGHT:
+        return side, float(item.shape.size[side])
+    lies = side != 2 or along[side] <= _UPRIGHT
+    return None if lies or not isinstance(item.shape, Cylinder) else (side, float(item.shape.length))
 
 
 def _as_long(item: RigidObject, side: int, length: float) -> RigidObject:
     """A box with another side, or a cylinder with another length."""
     if isinstance(item.shape, Cylinder):
         return replace(item, shape=Cylinder(item.shape.radius, length))
-    x, y, z = (length if axis == side else float(size) for axis, size in enumerate(_sides(item)))
-    return replace(item, shape=Box((x, y, z)))
+    if isinstance(item.shape, Box):
+        x, y, z = (length if axis == side else size for axis, size in enumerate(item.shape.size))
+        return replace(item, shape=Box((x, y, z)))
+    return item
 
 
 _CONVENTIONS: tuple[tuple[str, _Change], ...] = (

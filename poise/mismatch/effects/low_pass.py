@@ -1,6 +1,7 @@
 """Low-pass: the sensor's electronics or driver smooths the wrench."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class LowPass(Effect):
     confused_with = ("clock_offset", "joint_offset", "sensor_creep")
     needs = ("load",)
     delay = "time_constant"
+    defaults: ClassVar[Values] = {"second_order": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -46,10 +48,6 @@ class LowPass(Effect):
 
     def law(self, values: Values) -> str:
         return "second order" if _second_order(values) else "first order"
-
-    def renewed(self, values: Values) -> Values:
-        """Models of earlier versions, and those who write one, leave the order out: it is the first."""
-        return {"second_order": 0.0, **values}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
         _, constant = self.parameters(recorded)

@@ -9,7 +9,7 @@ import numpy as np
 from poise.mismatch.effects import at_ends, bristles_along, within
 from poise.mismatch.reading.findings import InputFinding, turned_base
 from poise.mismatch.reading.joint_input import orders
-from poise.mismatch.reading.sanity import frozen_spans, stuck_spans
+from poise.mismatch.reading.sanity import covered, frozen_spans, stuck_spans
 from poise.mismatch.recorded import (
     EffortTrack,
     RecordedMotion,
@@ -44,17 +44,13 @@ joint moves faster than so many rad/s or m/s."""
 def usable_efforts(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     """The efforts without spans that repeat one reading and without readings at a limit, and what was left out."""
     spans = [(track.names, span) for span in frozen_spans(track.seconds, track.measured, track.rigid)]
-    spans += [
-        each
-        for each in _stuck(track)
-        if not any(begin <= each[1][0] and each[1][1] <= end for _, (begin, end) in spans)
-    ]
+    whole = [span for _, span in spans]
+    spans += [(names, span) for names, span in _stuck(track) if not covered(span, whole)]
     found = [
         InputFinding(
             "effort_frozen",
-            f"The effort{'s' if names == track.names else f' of {names[0]}'} repeat"
-            f"{'' if names == track.names else 's'} one reading from {begin:.2f} s to {end:.2f} s, though the arm "
-            "moves: their driver stopped; this span was left out.",
+            f"{'The efforts repeat' if names == track.names else f'The effort of {names[0]} repeats'} one reading from "
+            f"{begin:.2f} s to {end:.2f} s, though the arm moves: their driver stopped; this span was left out.",
             names,
             (begin, end),
         )

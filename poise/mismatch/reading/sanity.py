@@ -197,7 +197,7 @@ def without_frozen(recorded: RecordedMotion) -> tuple[RecordedMotion, list[Input
         spans += [
             (f"{name} of the wrench", span)
             for span in stuck_spans(recorded.seconds, read[:, channel], expected[:, channel])
-            if not any(begin <= span[0] and span[1] <= end for _, (begin, end) in spans)
+            if not covered(span, [known for _, known in spans])
         ]
     if not spans:
         return recorded, []
@@ -235,6 +235,11 @@ def frozen_spans(seconds: Array, readings: Array, expected: Array) -> list[tuple
         if ((moved > _STEPS * steps) & (moved / reach > _MATERIAL)).any():
             found.append((begin, end))
     return found
+
+
+def covered(span: tuple[float, float], others: Sequence[tuple[float, float]]) -> bool:
+    """Whether a span lies inside one of others."""
+    return any(begin <= span[0] and span[1] <= end for begin, end in others)
 
 
 def stuck_spans(seconds: Array, reading: Array, expected: Array) -> list[tuple[float, float]]:
