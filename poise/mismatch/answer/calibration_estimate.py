@@ -82,7 +82,7 @@ def _labels(group: str, problem: Problem) -> Iterator[tuple[str, str, float, str
         name = "sensor_bias" if group == "bias" else "bias_drift"
         for what, unit in (("force", "N"), ("torque", "N m")):
             yield from ((name, f"{what}_{axis}", getattr(at, f"{group}_{what}"), unit) for axis in "xyz")
-    elif group == "gain":
+    elif group == "scale":
         yield from (("sensor_gain", f"gain_{what}{axis}", at.sensor_gain, "") for what in "ft" for axis in "xyz")
     elif group == "rotation":
         yield from (("sensor_rotation", f"rotation_{axis}", at.sensor_rotation, "rad") for axis in "xyz")

@@ -178,7 +178,8 @@ class Effect(ABC):
         of_joint: parameters that are values of one joint: the stem of their names, and what `JointPhysics` calls it.
         lasting: all its parameters are linear, and its columns are the same array for each prediction of a motion.
         dry: friction that carries a load of up to its size while the joint is at rest.
-        widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
+        widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "";
+            see `exceeds`.
     """
 
     name: ClassVar[str]
@@ -288,6 +289,11 @@ class Effect(ABC):
         """Whether its course is free at these values, see `free_course`."""
         del values
         return self.free_course
+
+    def exceeds(self, values: Values) -> frozenset[str]:
+        """Names of the calibration groups whose tolerances it exceeds at these values, see `widens`."""
+        del values
+        return frozenset({self.widens} - {""})
 
     def general_at(self, start: Values) -> bool:
         """Whether it can imitate several other effects from this starting point, see `general`."""

@@ -1,5 +1,8 @@
 """Sensor gain: scale errors and crosstalk between the axes of the force-torque sensor."""
 
+from collections.abc import Iterable
+from typing import ClassVar
+
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
@@ -13,9 +16,14 @@ GAIN_LEVER = 0.1
 _LARGEST = 0.5
 """Of an axis: a larger scale error is a wrong unit or a broken axis."""
 
+_ACROSS = tuple(f"gain_{read}_{felt}" for read in WRENCH_CHANNELS for felt in WRENCH_CHANNELS if read != felt)
+
 
 class SensorGain(Effect):
-    """w_read = (1 + E) w with a constant 6x6 matrix E: an aged calibration matrix, or that of another sensor."""
+    """w_read = (1 + E) w with a constant 6x6 matrix E: an aged calibration matrix, or that of another sensor.
+
+    Or with a diagonal E: amplifiers that are off, each of its own channel. Crosstalk is then inside its tolerance.
+    """
 
     name = "sensor_gain"
     layer = "sensor"
@@ -25,11 +33,12 @@ class SensorGain(Effect):
     separating_motion = "six attitudes with and without the payload: a gain scales with the load, a bias does not"
     confused_with = ("payload_parameters", "sensor_rotation", "sensor_nonlinearity")
     needs = ("load",)
-    widens = "gain"
+    widens = "scale"
+    defaults: ClassVar[Values] = {"axes_alone": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        made = []
+        made = [EffectParameter("axes_alone", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)]
         for i, read in enumerate(WRENCH_CHANNELS):
             for j, felt in enumerate(WRENCH_CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
@@ -37,6 +46,20 @@ class SensorGain(Effect):
                 limit = _LARGEST if i == j else np.inf
                 made.append(EffectParameter(f"gain_{read}_{felt}", unit, size, low=-limit, high=limit))
         return tuple(made)
+
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        del recorded, residual
+        yield {"axes_alone": 1.0}
+        yield {"axes_alone": 0.0}
+
+    def law(self, values: Values) -> str:
+        return "axes" if _axes_alone(values) else "matrix"
+
+    def inert(self, values: Values) -> tuple[str, ...]:
+        return _ACROSS if _axes_alone(values) else ()
+
+    def exceeds(self, values: Values) -> frozenset[str]:
+        return frozenset({self.widens} if _axes_alone(values) else {self.widens, "crosstalk"})
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
@@ -46,6 +69,8 @@ class SensorGain(Effect):
         return out
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        if _axes_alone(values):
+            return {}
         matrix = self._matrix(recorded, values)
         scaled = matrix * np.where(np.arange(6)[:, None] // 3 == np.arange(6) // 3, 1.0, np.nan)
         np.fill_diagonal(scaled, np.nan)
@@ -54,10 +79,15 @@ class SensorGain(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         matrix = self._matrix(recorded, values)
         i = int(np.argmax(np.abs(np.diag(matrix))))
-        return (
-            f"The sensor's scale is off: {BIAS_PARAMETERS[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up "
-            f"to {100 * self.derived(recorded, values)['largest_crosstalk'][0]:.1f} %: the nominal gain is one."
-        )
+        off = f"The sensor's scale is off: {BIAS_PARAMETERS[i]} reads {100 * matrix[i, i]:+.1f} %"
+        if _axes_alone(values):
+            return f"{off}, with crosstalk inside its tolerance: the nominal gain is one."
+        crosstalk = self.derived(recorded, values)["largest_crosstalk"][0]
+        return f"{off}, with crosstalk of up to {100 * crosstalk:.1f} %: the nominal gain is one."
 
     def _matrix(self, recorded: RecordedMotion, values: Values) -> Array:
-        return np.array([values[p.name] for p in self.parameters(recorded)]).reshape(6, 6)
+        return np.array([values[p.name] for p in self.parameters(recorded) if p.linear]).reshape(6, 6)
+
+
+def _axes_alone(values: Values) -> bool:
+    return values.get("axes_alone", 0.0) > 0.5

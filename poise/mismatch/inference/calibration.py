@@ -33,9 +33,9 @@ class CalibrationGroup:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, curved_drift (see `_TURNS`), gain, rotation, tilt, joints, clock, offset, links,
-            rest (what the model leaves of the wrench, as efforts), reversals (no tolerance: see `reversal_columns`), or
-            blur (see `_BLURS`).
+        name: payload, bias, drift, curved_drift (see `_TURNS`), scale, crosstalk, rotation, tilt, joints, clock,
+            offset, links, gain (of motors), rest (what the model leaves of the wrench, as efforts), reversals (no
+            tolerance: see `reversal_columns`), or blur (see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances, or (k,) of them; infinite: normal, `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
@@ -102,7 +102,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     return (
         payload,
         *zeros,
-        _gain(wrench, tolerance.sensor_gain),
+        *_gains(wrench, tolerance.sensor_gain),
         CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         tilt,
         joints,
@@ -220,14 +220,18 @@ def effort_sizes(track: EffortTrack) -> Array:
     return np.asarray(np.quantile(np.abs(track.measured), 0.99, axis=0))
 
 
-def _gain(wrench: Array, size: float) -> CalibrationGroup:
-    """Response to the gains of the six axes, then to the thirty across axes, of this size each.
+def _gains(wrench: Array, size: float) -> tuple[CalibrationGroup, CalibrationGroup]:
+    """Responses to the gains of the six axes, and to the thirty across axes, of this size each.
 
     Gains from force to torque and back are scaled by `GAIN_LEVER`.
     """
-    scale = np.repeat([1.0, GAIN_LEVER], 3)
-    to, of = np.array(sorted(np.ndindex(6, 6), key=lambda pair: pair[0] != pair[1])).T
-    return CalibrationGroup("gain", wrench[:, of] * (size * scale[to] / scale[of]), channel=to, channels=6)
+    lever = np.repeat([1.0, GAIN_LEVER], 3)
+    to, of = np.nonzero(~np.eye(6, dtype=bool))
+    across = wrench[:, of] * (size * lever[to] / lever[of])
+    return (
+        CalibrationGroup("scale", wrench * size, channel=np.arange(6), channels=6),
+        CalibrationGroup("crosstalk", across, channel=to, channels=6),
+    )
 
 
 def payload_columns(recorded: RecordedMotion, tolerance: Tolerance) -> Array:

@@ -209,7 +209,8 @@ class Problem:
 
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
         """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
-        without = {part.effect.widens for part in parts} | ({"curved_drift"} if self.straight else set())
+        without = {"curved_drift"} if self.straight else set[str]()
+        without = without.union(*(part.effect.exceeds(part.values) for part in parts))
         if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
             made = make(recorded, self.model.tolerance)
