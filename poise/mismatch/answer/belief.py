@@ -167,7 +167,7 @@ def _belief(
     larger = _larger(part, odds, gains, own) - set(equals)
     against = {rival: value for rival, value in odds.items() if rival not in larger}
     # Of rivals that do as well, the search takes the simplest. A delay and a filter have as many parameters.
-    full = ruled | {rival for rival in against if not part.effect.preferred or _both_delay(rival, part)}
+    full = ruled | same | {rival for rival in against if not part.effect.preferred or _both_delay(rival, part)}
     compared = {rival: value for rival, value in against.items() if rival not in full}
     basis = BeliefBasis(
         proof.support,

@@ -30,7 +30,8 @@ the previous model contains what they explain, so that their differences are sma
 _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
 _SAME = 0.01
-"""Energy of the difference of two responses, relative to theirs, below which they are the same."""
+"""Energy of the difference of two responses, relative to theirs, below which they are the same (whitened, without what
+calibration errors explain)."""
 _STEPS = 4
 _TRIED = 3
 """Better effects that are tried in the place of one."""
@@ -74,22 +75,27 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
 def _marked(
     problem: Problem, others: Sequence[FittedEffect], own: EffectCandidate, candidates: dict[str, EffectCandidate]
 ) -> dict[str, EffectCandidate]:
-    """The candidates, with a mark on those whose response is that of the effect itself."""
+    """The candidates, with a mark on those whose response is that of the effect itself, and that are as simple."""
     own = candidates[own.effect.name]
-    near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < EQUAL_EVIDENCE]
-    near = [each for each in near if not isinstance(each.effect, FreeCurve)]
+    slack, most = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0), _count(problem, own)
+    near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < slack]
+    near = [each for each in near if not isinstance(each.effect, FreeCurve) and _count(problem, each) <= most]
     if not near:
         return candidates
-    recorded, level = problem.compose(others)[1], problem.noise.sigma
-    response = own.effect.simulate(recorded, own.values) / level
-    size = _SAME * float(np.sum(response**2))
-    same = {
-        each.effect.name: replace(each, same=True)
-        for each in near
-        # The smoothing in the calibration makes delays equal that were compared in full.
-        if (each.effect.delay and own.effect.delay)
-        or np.sum((each.effect.simulate(recorded, each.values) / level - response) ** 2) < size
-    }
+    recorded = problem.compose(others)[1]
+    regression = problem.regression(others, recorded)
+    response = own.effect.simulate(recorded, own.values)
+    same = {}
+    for each in near:
+        if each.effect.delay and own.effect.delay:  # these were compared in full
+            equal = abs(each.gain - own.gain) < EQUAL_EVIDENCE
+        else:
+            apart = each.effect.simulate(recorded, each.values) - response
+            # Errors inside the tolerances that explain the difference do not distinguish them either.
+            left, whole = np.diag(regression.project(problem.whiten(np.stack([apart, response], axis=2))).information)
+            equal = bool(left < _SAME * whole)
+        if equal:
+            same[each.effect.name] = replace(each, same=True)
     return candidates | same
 
 
@@ -258,8 +264,13 @@ def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> s
 
 def _size(problem: Problem, each: EffectCandidate) -> tuple[bool, int, float]:
     """The order of candidates: general ones last, then by the number of parameters, then the best first."""
+    return each.effect.general, _count(problem, each), -each.gain
+
+
+def _count(problem: Problem, each: EffectCandidate) -> int:
+    """The number of its parameters that act."""
     parameters, inert = each.effect.parameters(problem.recorded), each.effect.inert(each.values)
-    return each.effect.general, sum(not p.choice and p.name not in inert for p in parameters), -each.gain
+    return sum(not p.choice and p.name not in inert for p in parameters)
 
 
 def _simpler(
