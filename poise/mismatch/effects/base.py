@@ -170,6 +170,8 @@ class Effect(ABC):
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         preferred: a rival that does as well is less likely, as the search takes the simplest; False for a cause that is
             rarer than its rivals, and simpler.
+        commoner: names of likelier causes of the same data: it is a finding only where these and the tolerances do not
+            explain the data.
         delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
         late: derived quantity, s, by which wrenches are late at the end: less than the tolerance of the clock is no
             finding; "" for an effect that does not make them late by and by.
@@ -204,6 +206,7 @@ class Effect(ABC):
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
     preferred: ClassVar[bool] = True
+    commoner: ClassVar[tuple[str, ...]] = ()
     delay: ClassVar[str] = ""
     late: ClassVar[str] = ""
     turn: ClassVar[str] = ""

@@ -34,6 +34,7 @@ class SensorGain(Effect):
     confused_with = ("payload_parameters", "sensor_rotation", "sensor_nonlinearity")
     needs = ("load",)
     widens = "scale"
+    commoner = ("payload_parameters",)
     defaults: ClassVar[Values] = {"axes_alone": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -24,6 +24,7 @@ class SensorNonlinearity(Effect):
     separating_motion = "six attitudes with a light and with a heavy load: a gain error scales, a nonlinearity grows"
     confused_with = ("sensor_gain", "saturation", "payload_parameters")
     order = 20
+    commoner = ("payload_parameters",)
     needs = ("load",)
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

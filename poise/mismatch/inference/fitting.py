@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
-from poise.mismatch.effects import Effect
+from poise.mismatch.effects import Effect, effect_named
 from poise.mismatch.inference.added_effect import discrete_prior
 from poise.mismatch.inference.damping import SETTLED, Damping
 from poise.mismatch.inference.evidence import WhitenedRegression, laplace_evidence
@@ -153,6 +153,7 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
 
     A delay must exceed the tolerance of the clock: what else a filter does may be an error of the measured motion.
     So must what a skew makes late by the end. A turn of the load must exceed the tolerance of the sensor's rotation.
+    A likelier cause in the place of the effect (`Effect.commoner`) must leave the data outside the tolerances, too.
     At the edge of the tolerances, noise alone lowers the square by as many degrees of freedom as half the parameters.
 
     Args:
@@ -172,15 +173,17 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
     for quantity, least in bounds:
         if quantity and abs(effect.derived(problem.recorded, values)[quantity][0]) < least:
             return False
-    if not effect.widens:
+    if not effect.widens and not effect.commoner:
         return True
-    squares, counts = [], []
-    for kept in (parts, [part for part in parts if part.effect is not effect]):
-        about = linearised(problem, tuple(kept), None)
-        squares.append(about.regression(PRIOR_SCALES[-1]).square)
-        counts.append(len(about.columns))
+    rest = [part for part in parts if part.effect is not effect]
+    known = {part.effect.name for part in rest}
+    likelier = [each for name in effect.commoner if name not in known and (each := effect_named(name)) is not None]
+    instead = [FittedEffect(each, {}).carried(problem.recorded) for each in likelier]
+    whole, less, without = (linearised(problem, tuple(kept), None) for kept in (parts, [*rest, *instead], rest))
+    squares = [about.regression(PRIOR_SCALES[-1]).square for about in (whole, less)]
     # Of chi square with half as many degrees of freedom.
-    return bool(squares[1] - squares[0] > 2.0 * gammainccinv((counts[0] - counts[1] + 1) / 4, _CHANCE))
+    freedom = len(whole.columns) - len(without.columns)
+    return bool(squares[1] - squares[0] > 2.0 * gammainccinv((freedom + 1) / 4, _CHANCE))
 
 
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:

@@ -12,7 +12,7 @@ import numpy as np
 
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference.added_effect import EffectCandidate
-from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import HypothesisSearch, alike
 from poise.mismatch.inference.linearised import acting_parameters
 from poise.mismatch.inference.problem import FittedEffect, Problem
@@ -80,6 +80,7 @@ def _marked(
     slack, most = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0), _count(problem, own)
     near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < slack]
     near = [each for each in near if not isinstance(each.effect, FreeCurve) and _count(problem, each) <= most]
+    near = [each for each in near if own.effect.name not in each.effect.commoner]
     if not near:
         return candidates
     recorded = problem.compose(others)[1]
@@ -171,7 +172,8 @@ def improved(
         now = now or _fitted(state, problem, found.parts)
         tried = _fitted(state, problem, (*kept, FittedEffect(best.effect, best.values)))
         pressed = stopped_at_an_end(problem, tried) and not stopped_at_an_end(problem, now)
-        if tried.log_evidence > now.log_evidence - slack and not pressed:
+        good = tried.log_evidence > now.log_evidence - slack and not pressed
+        if good and exceeds_tolerance(problem, tried.parts, best.effect):
             return tried
     return None
 

@@ -285,6 +285,8 @@ def prescreen(
     if any(each.effect.delay for each in chosen):
         # Beside one delay another one is compared in full: the smoothing in the calibration moves with each of them.
         chosen += [each for each in found if each.effect.delay and each.gain > least and each not in chosen]
+    likelier = {name for each in chosen for name in each.effect.commoner}
+    chosen += [each for each in found if each.effect.name in likelier and each.gain > least and each not in chosen]
     if all(isinstance(each.effect, Dependence) for each in chosen):
         # A free curve follows an effect of the library in part; the effect is compared in full.
         named = [each for each in found if each.gain > _BESIDE_CURVES * found[0].gain and each not in chosen]
