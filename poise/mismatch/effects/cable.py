@@ -39,8 +39,8 @@ those from which the search begins."""
 _SELDOM, _BRIEFLY = 0.2, 0.1
 """Shares of the samples in which a cord is taut, below which a contact is as likely, and likelier: cords of other
 recordings are taut for four tenths of them and more."""
-_MOVES, _SEVERAL, _ALONE = 0.1, 3, 0.9
-"""rad or m from which a joint moves; moving joints beside which one alone is unlikely for a cord; and its share."""
+_MOVES, _SEVERAL, _ALONE = 0.1, 2, 0.9
+"""rad or m from which a joint moves; moving joints of which one alone is unlikely to show a cord; and its share."""
 _FARTHEST = 3.0
 """m from the middle of the path to an anchor."""
 

@@ -1,0 +1,51 @@
+"""Causes of which the responses are equal: the answer says so, or has the likelier one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effects.effect_worlds import NOISE, recorded
+from field_robots import Recorded, read, urdf
+
+from poise.mismatch.answer import Diagnosis, diagnose, effects_called
+from poise.mismatch.reading import NominalModel
+
+_SLIDE = urdf(("slide", "prismatic", "1 0 0"))
+_TURN = urdf(("turn", "revolute", "0 1 0"))
+
+
+@pytest.mark.parametrize(("text", "equal"), [(_SLIDE, True), (_TURN, False)])
+def test_a_rotor_and_a_gain_are_equal_on_a_level_slide(text: str, equal: bool) -> None:
+    """Without gravity each effort is a mass times the acceleration."""
+    states = Recorded(text).joints()
+    acceleration = np.gradient(states.velocity, states.stamps * 1e-9, axis=0)
+    reading = read(replace(states, effort=states.effort + 0.5 * acceleration), text)
+    tried = effects_called(["motor_gain", "motor_inertia", "viscous_friction"])
+    (named,) = diagnose(reading.recorded, reading.model, library=tried).findings
+    pair = {"motor_gain", "motor_inertia"}
+    assert named.effect.name == "motor_inertia" or equal
+    assert ({named.effect.name, *named.belief.alike} == pair) == equal
+    assert (named.belief.probability < 0.55) == equal
+
+
+def _scaled(gains: list[float]) -> Diagnosis:
+    """Of a sensor whose channels have these gains."""
+    at = recorded("fourier")
+    noise = np.random.default_rng(5).normal(size=at.prediction.shape) * NOISE
+    return diagnose(replace(at, wrench=at.prediction * np.array(gains) + noise), NominalModel(phi=at.phi))
+
+
+def test_gains_of_some_axes_are_no_matrix() -> None:
+    (named,) = _scaled([1.08, 1.0, 1.1, 1.0, 1.0, 1.0]).findings
+    assert named.effect.name == "sensor_gain"
+    assert named.belief.probability > 0.9
+    assert set(named.parameters) == {f"gain_{axis}_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
+    assert "crosstalk inside its tolerance" in named.sentence
+
+
+def test_a_gain_that_all_axes_share_is_another_payload() -> None:
+    """Both have the same response; six amplifiers that are off alike are rarer than a payload that is heavier."""
+    (named,) = _scaled([1.12] * 6).findings
+    assert named.effect.name == "payload_parameters"
+    assert "sensor_gain" in named.belief.alike
+    assert named.parameters["mass"].value == pytest.approx(0.12 * 2.2, rel=0.05)
