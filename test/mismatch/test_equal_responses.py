@@ -49,3 +49,9 @@ def test_a_gain_that_all_axes_share_is_another_payload() -> None:
     assert named.effect.name == "payload_parameters"
     assert "sensor_gain" in named.belief.alike
     assert named.parameters["mass"].value == pytest.approx(0.12 * 2.2, rel=0.05)
+
+
+def test_a_gain_beside_another_payload_says_what_all_axes_share() -> None:
+    (named,) = _scaled([1.2] + [1.12] * 5).findings
+    assert named.effect.name == "sensor_gain"
+    assert "% of all axes may be the payload's" in named.sentence

@@ -15,7 +15,8 @@ GAIN_LEVER = 0.1
 
 _LARGEST = 0.5
 """Of an axis: a larger scale error is a wrong unit or a broken axis."""
-
+_SHARED = 0.03
+"""Gain in the middle of the axes from which the answer says that a payload of another weight acts alike."""
 _ACROSS = tuple(f"gain_{read}_{felt}" for read in WRENCH_CHANNELS for felt in WRENCH_CHANNELS if read != felt)
 
 
@@ -82,7 +83,9 @@ class SensorGain(Effect):
         i = int(np.argmax(np.abs(np.diag(matrix))))
         off = f"The sensor's scale is off: {BIAS_PARAMETERS[i]} reads {100 * matrix[i, i]:+.1f} %"
         if _axes_alone(values):
-            return f"{off}, with crosstalk inside its tolerance: the nominal gain is one."
+            shared = float(np.median(np.diag(matrix)))
+            loads = f" {100 * shared:+.1f} % of all axes may be the payload's." if abs(shared) > _SHARED else ""
+            return f"{off}, with crosstalk inside its tolerance: the nominal gain is one.{loads}"
         crosstalk = self.derived(recorded, values)["largest_crosstalk"][0]
         return f"{off}, with crosstalk of up to {100 * crosstalk:.1f} %: the nominal gain is one."
 
