@@ -284,6 +284,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
     losses = [
         {"kind": str(loss.kind), "sentence": loss.sentence, "messages": loss.messages} for loss in recording.losses
     ]
+    read = (*(loss["sentence"] for loss in losses), *recording.clocks.values())
     return {
         "mass": parameters.mass,
         "com": parameters.com,
@@ -316,7 +317,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "source": answer.source,
         "bag": str(bag),
         "losses": losses,
-        "warnings": [*(f"{bag}: {loss['sentence']}" for loss in losses), *_doubts(answer)],
+        "warnings": [*(f"{bag}: {sentence}" for sentence in read), *_doubts(answer)],
     }
 
 

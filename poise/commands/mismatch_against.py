@@ -82,8 +82,8 @@ def _without_model(
         if motion.commands is not None and track is not None:
             followed = tracking(motion.commands, track.names, motion.seconds, track.position)
         delays.append(_delays(() if followed is None else (followed,)))
-        for name in recording.unstamped:
-            warn(f"{recording.path}: the headers of {name} have no stamps: the times of the bag are used")
+        for sentence in recording.clocks.values():
+            warn(f"{recording.path}: {sentence}")
     simulated, real = motions
     return located(real, simulated), _motion(*delays)
 

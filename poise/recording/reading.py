@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.notebooks import html_table
-from poise.recording import decoding
+from poise.recording import decoding, timeline
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.cdr import Batch, UndecodableError, decode
 from poise.recording.contents import Contents, MessageBlock
@@ -99,7 +99,7 @@ class Recording:
         metadata: the mcap metadata records, by their name.
         unchecked: messages that no checksum vouches for, because the writer left none (rosbag2 does by default).
         reordered: messages that came late and were put in their place, by topic; grows as streams are read.
-        unstamped: topics whose headers have no stamps, so that log times are used; grows likewise.
+        clocks: by topic, what is wrong with the stamps of its headers, and which times are used; grows likewise.
     """
 
     def __init__(self, path: Path, files: list[Contents[Any]], losses: Iterable[Loss] = ()) -> None:
@@ -107,7 +107,7 @@ class Recording:
         self.losses = (*losses, *(loss for contents in files for loss in contents.losses))
         self.metadata = {name: values for contents in files for name, values in contents.metadata.items()}
         self.reordered: dict[str, int] = {}
-        self.unstamped: set[str] = set()
+        self.clocks: dict[str, str] = {}
         self._unpacked = [contents.unpacked for contents in files]  # temporary folders, deleted with this object
         self._topics: list[Topic] = []
         self._blocks: list[tuple[MessageBlock, npt.NDArray[np.int64]]] = []  # with the number of each message's topic
@@ -324,19 +324,33 @@ class Recording:
             done += len(entries)
 
     def _on_a_clock(self, stream: S, name: str) -> S:
-        """A stream whose headers have no stamps, as some simulators write it, at its log times."""
-        if len(stream) < 2 or stream.stamps.any():
+        """A stream at times of one clock.
+
+        Headers without stamps, as some simulators write them, get the log times. Where the clock was set forward during
+        the recording, which the log times show, the other stamps are moved to the clock that is nearest to the log.
+        """
+        if len(stream) < 2:
             return stream
         chosen = np.array([topic.name == name for topic in self._topics])
         times = [block.messages["log_time"][chosen[numbers]] for block, numbers in self._blocks]
         logged = np.sort(np.concatenate(times).astype(np.int64))
+        if stream.stamps.any():
+            steps = timeline.clock_steps(stream.stamps, logged) if len(logged) == len(stream) else []
+            if not steps:
+                return stream
+            places = ", ".join(
+                f"{jump * 1e-9:.3f} s after {(stream.stamps[first - 1] - stream.stamps[0]) * 1e-9:.2f} s"
+                for first, jump in steps
+            )
+            self.clocks[name] = f"the clock of {name} was set forward by {places}, as the log times show: taken back"
+            return replace(stream, stamps=timeline.on_one_clock(stream.stamps, logged, steps))
         if len(logged) != len(stream) or logged[0] == logged[-1]:
             raise InputError(
                 ErrorCode.TIME_BACKWARDS,
                 f"{self.path}: the headers of {name} have no stamps, and neither has the bag: let the simulator stamp"
                 " its messages (use_sim_time with /clock)",
             )
-        self.unstamped.add(name)
+        self.clocks[name] = f"the headers of {name} have no stamps: the times of the bag are used"
         return replace(stream, stamps=logged)
 
     def _note_late(self, topic: str, count: int) -> None:

@@ -7,6 +7,13 @@ from poise.errors import ErrorCode, InputError
 
 # How late a message may come and still be put in its place: networks delay by milliseconds, clocks jump by more.
 MAX_LATENESS = 50_000_000  # ns
+# A step of a clock shows against the log times of this many messages on either side, this many at least: the
+# differences jump by far more than they scatter, while the log goes on. Both clocks run alike up to 1 %.
+_AROUND, _FEWEST, _SCATTER, _HOLE, _RATE = 200, 20, 10.0, 0.3, 0.01
+# Quantile of the differences that is compared: logs are late by chance, and never early.
+_PROMPT = 0.9
+# Holes that are examined.
+_MOST_HOLES = 16
 # Late messages that make the samples this much denser than elsewhere walk through the same time again.
 _DENSER = 1.5
 
@@ -49,3 +56,46 @@ def in_time_order(stamps: npt.NDArray[np.int64], topic: str) -> tuple[npt.NDArra
             stamp=int(stamps[at]),
         )
     return order, int(late.sum())
+
+
+def clock_steps(stamps: npt.NDArray[np.int64], logged: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Where a clock was set forward during a recording: the stamps have a hole that the log times lack.
+
+    Args:
+        stamps: (N,) ns, ascending.
+        logged: (N,) ns, ascending; the same messages.
+
+    Returns:
+        (index of the first message after a step, ns by which the clock was set), in time.
+    """
+    steps, log_steps = np.diff(stamps), np.diff(logged)
+    if len(steps) < 2 * _FEWEST or np.ptp(logged) <= 0:
+        return []
+    period = float(np.median(steps))
+    holes = np.flatnonzero(steps > MAX_LATENESS + period)
+    behind, found = stamps - logged, []
+    for i in holes[np.argsort(-steps[holes], kind="stable")][:_MOST_HOLES].tolist():
+        before, after = behind[max(i + 1 - _AROUND, 0) : i + 1], behind[i + 1 : i + 1 + _AROUND]
+        if min(len(before), len(after)) < _FEWEST:
+            continue
+        jump = float(np.quantile(after, _PROMPT) - np.quantile(before, _PROMPT))
+        scatter = max(float(np.median(np.abs(side - np.median(side)))) for side in (before, after))
+        alike = abs(steps[i] - period - jump) < _HOLE * jump and log_steps[i] < _HOLE * jump + period
+        if jump > max(MAX_LATENESS, _SCATTER * scatter) and alike:
+            # The hole is the step and a whole number of periods.
+            found.append((i + 1, round(steps[i] - period * max(round((steps[i] - jump) / period), 1))))
+    rest = np.ptp(stamps) - sum(jump for _, jump in found)
+    return sorted(found) if abs(rest / np.ptp(logged) - 1.0) < _RATE else []
+
+
+def on_one_clock(
+    stamps: npt.NDArray[np.int64], logged: npt.NDArray[np.int64], steps: list[tuple[int, int]]
+) -> npt.NDArray[np.int64]:
+    """Stamps (N,), ns, as if the clock had not been set: as it ran where it was nearest to the log."""
+    later = np.zeros(len(stamps), dtype=np.int64)
+    for first, jump in steps:
+        later[first:] += jump
+    even = stamps - later
+    pieces = np.split(stamps - logged, [first for first, _ in steps])
+    best = min(range(len(pieces)), key=lambda k: abs(float(np.median(pieces[k]))))
+    return np.asarray(even + later[([0, *(first for first, _ in steps)])[best]])

@@ -122,7 +122,7 @@ def _of_joint_states(
         if error.code is not ErrorCode.TOPIC_MISSING or not other:
             raise
         raise InputError(error.code, f"{error.message}; {other}") from error
-    return replace(read, notes=(*_without_stamps(recording), *read.notes))
+    return replace(read, notes=(*recording.clocks.values(), *read.notes))
 
 
 def _elsewhere(recording: Recording, wanted: tuple[str, str]) -> str:
@@ -130,10 +130,6 @@ def _elsewhere(recording: Recording, wanted: tuple[str, str]) -> str:
     name, kind = wanted
     found = [topic for topic, there in recording.topics.items() if there == kind]
     return f"{' '.join(found)} ({kind}) was not read: rename it to {name}" if found else ""
-
-
-def _without_stamps(recording: Recording) -> list[str]:
-    return [f"the headers of {name} have no stamps: the times of the bag are used" for name in recording.unstamped]
 
 
 def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence[str] = ()) -> ReadRecording:
