@@ -75,11 +75,17 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
 def _marked(
     problem: Problem, others: Sequence[FittedEffect], own: EffectCandidate, candidates: dict[str, EffectCandidate]
 ) -> dict[str, EffectCandidate]:
-    """The candidates, with a mark on those whose response is that of the effect itself, and that are as simple."""
+    """The candidates, with a mark on those whose response is that of the effect itself, and that are as simple.
+
+    Two effects with one response differ in evidence by what their parameters cost; how well either fits the details of
+    a recording says nothing.
+    """
     own = candidates[own.effect.name]
-    slack, most = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0), _count(problem, own)
+    slack = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0)
     near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < slack]
-    near = [each for each in near if not isinstance(each.effect, FreeCurve) and _count(problem, each) <= most]
+    near = [
+        each for each in near if not isinstance(each.effect, FreeCurve) and _cost(each) < _cost(own) + EQUAL_EVIDENCE
+    ]
     near = [each for each in near if own.effect.name not in each.effect.commoner]
     if not near:
         return candidates
@@ -266,13 +272,13 @@ def _as_good(part: FittedEffect, candidates: Mapping[str, EffectCandidate]) -> s
 
 def _size(problem: Problem, each: EffectCandidate) -> tuple[bool, int, float]:
     """The order of candidates: general ones last, then by the number of parameters, then the best first."""
-    return each.effect.general, _count(problem, each), -each.gain
-
-
-def _count(problem: Problem, each: EffectCandidate) -> int:
-    """The number of its parameters that act."""
     parameters, inert = each.effect.parameters(problem.recorded), each.effect.inert(each.values)
-    return sum(not p.choice and p.name not in inert for p in parameters)
+    return each.effect.general, sum(not p.choice and p.name not in inert for p in parameters), -each.gain
+
+
+def _cost(each: EffectCandidate) -> float:
+    """log evidence that its parameters cost: an effect with many, or with unlikely values, loses more."""
+    return 0.5 * each.drop - each.gain
 
 
 def _simpler(
