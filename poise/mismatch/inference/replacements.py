@@ -81,11 +81,9 @@ def _marked(
     a recording says nothing.
     """
     own = candidates[own.effect.name]
-    slack = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0)
-    near = [each for each in candidates.values() if each is not own and abs(each.gain - own.gain) < slack]
-    near = [
-        each for each in near if not isinstance(each.effect, FreeCurve) and _cost(each) < _cost(own) + EQUAL_EVIDENCE
-    ]
+    slack, most = EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0), _cost(own) + EQUAL_EVIDENCE
+    near = [each for each in candidates.values() if each is not own and not isinstance(each.effect, FreeCurve)]
+    near = [each for each in near if abs(each.gain - own.gain) < slack and _cost(each) < most]
     near = [each for each in near if own.effect.name not in each.effect.commoner]
     if not near:
         return candidates
