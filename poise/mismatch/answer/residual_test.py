@@ -21,9 +21,11 @@ _LOUDER = 1.3
 _ONE_CHANNEL = 0.5
 """Energy of one channel, beyond the share that all channels may have, that is structure where the others have less."""
 
-_SPIKE, _BURST, _FEWEST = 5.0, 0.06, 5
-"""Sigmas to which single residuals are limited; s and samples beyond these from which they are no spikes and no noise:
-brief events in a calm recording make its noise look coloured, and are within the energy that this may have."""
+_SPIKE = 5.0
+"""Sigmas to which single residuals are limited."""
+_BURSTS, _FEWEST = ((_SPIKE, 0.06), (20.0, 0.02)), 5
+"""Sigmas, and s for which a residual beyond these is no spike and no noise, with the fewest samples: brief events in a
+calm recording make its noise look coloured, and are within the energy that this may have."""
 _APART = 0.5
 """s between bursts of different events."""
 _BESIDE = 0.15
@@ -112,7 +114,7 @@ def _energies(problem: Problem, residual: Array) -> tuple[Array, Array]:
 
 
 def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) -> tuple[float, ...]:
-    """The middle times of runs of residuals (N, C) of one channel beyond `_SPIKE`, s."""
+    """The middle times of runs of residuals (N, C) of one channel beyond those of `_BURSTS`, s."""
     seconds = problem.seconds
     judged = problem.active.copy()
     for part in named:
@@ -120,9 +122,13 @@ def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) ->
             edges = [(begin, end)] if part.effect.free(part.values) else [(begin, begin), (end, end)]
             for first, last in edges:
                 judged &= (seconds < first - _BESIDE) | (seconds > last + _BESIDE)
-    beyond = (np.abs(residual) > _SPIKE * problem.noise.total) & judged[:, None] & (problem.free > 0.0)
-    length = max(round(_BURST / float(np.median(np.diff(seconds)))), _FEWEST)
-    when = seconds[binary_opening(beyond, np.ones((length, 1))).any(axis=1)]
+    scaled = np.where(judged[:, None] & (problem.free > 0.0), np.abs(residual) / problem.noise.total, 0.0)
+    period = float(np.median(np.diff(seconds)))
+    lasting = np.zeros(len(seconds), dtype=bool)
+    for sigmas, least in _BURSTS:
+        length = max(round(least / period), _FEWEST)
+        lasting |= binary_opening(scaled > sigmas, np.ones((length, 1))).any(axis=1)
+    when = seconds[lasting]
     groups = np.split(when, np.flatnonzero(np.diff(when) > _APART) + 1)
     return tuple(float(group[0] + group[-1]) / 2 for group in groups if len(group))
 
