@@ -23,9 +23,12 @@ _ONE_CHANNEL = 0.5
 
 _SPIKE = 5.0
 """Sigmas to which single residuals are limited."""
-_BURSTS, _FEWEST = ((_SPIKE, 0.06), (20.0, 0.02)), 5
+_BURSTS, _FEWEST = ((10.0, 0.06), (20.0, 0.02)), 5
 """Sigmas, and s for which a residual beyond these is no spike and no noise, with the fewest samples: brief events in a
 calm recording make its noise look coloured, and are within the energy that this may have."""
+_REVERSES = 0.1
+"""Share of the usual speed of a joint below which it may reverse: when its dry friction does is known to steps of the
+encoder."""
 _APART = 0.5
 """s between bursts of different events."""
 _BESIDE = 0.15
@@ -122,7 +125,12 @@ def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) ->
             edges = [(begin, end)] if part.effect.free(part.values) else [(begin, begin), (end, end)]
             for first, last in edges:
                 judged &= (seconds < first - _BESIDE) | (seconds > last + _BESIDE)
-    scaled = np.where(judged[:, None] & (problem.free > 0.0), np.abs(residual) / problem.noise.total, 0.0)
+    known = judged[:, None] & (problem.free > 0.0)
+    track = problem.recorded.effort
+    if problem.signal == "effort" and track is not None:
+        speed = np.abs(track.velocity)
+        known &= speed > _REVERSES * np.quantile(speed, 0.99, axis=0)
+    scaled = np.where(known, np.abs(residual) / problem.noise.total, 0.0)
     period = float(np.median(np.diff(seconds)))
     lasting = np.zeros(len(seconds), dtype=bool)
     for sigmas, least in _BURSTS:

@@ -20,6 +20,8 @@ _SHARP = 0.025
 """rad/s or m/s: longest ramp of a model that states none. A drive sharper than a soft model imitates stiction."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
+_CREEPS = 3.0
+"""Usual speed of a joint, in units of the model's reversal, below which the whole motion is a part of that."""
 _DISTANCES = np.geomspace(1e-4, 0.03, 5)
 """rad or m, along which bristles bend after a reversal."""
 
@@ -45,6 +47,9 @@ def reversal_columns(track: EffortTrack) -> Array:
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
+        if len(own) and np.quantile(np.abs(velocity), 0.9) < _CREEPS * COULOMB_TRANSITION:
+            # Beside such a motion every reversal is smooth: errors of the weight alone count.
+            beside = np.column_stack([np.ones_like(velocity), track.rigid[:, joint]])
         soft = [soft_ramp(velocity, acceleration, lead, ramp) for lead in _LEADS for ramp in ramps]
         laws = np.column_stack([*soft, *(each[:, joint] for each in bent), *own])
         longest = np.inf if track.errors_cancel else max(_SHARP, track.stated[joint].ramp)
