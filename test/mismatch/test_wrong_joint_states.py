@@ -144,17 +144,6 @@ def test_efforts_that_repeat_one_reading_and_those_at_a_limit_are_left_out() -> 
     assert np.abs(reading.recorded.effort.measured[:, 0]).max() < limit
 
 
-def test_the_few_steps_of_a_coarse_driver_are_no_limit() -> None:
-    """A wrist that needs one step of its driver, or none, was at its limit in half of the samples and left out."""
-    joints = SLOW.joints()
-    wrist = joints.effort[:, 2]
-    step = 0.9 * float(np.ptp(wrist))
-    coarse = joints.effort.copy()
-    coarse[:, 2] = np.where(wrist > np.median(wrist), step, 0.0)
-    reading = read(with_effort(joints, coarse))
-    assert "effort_limited" not in [each.kind for each in reading.findings]
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_friction_rotors_and_springs_are_no_error_of_a_driver(seed: int) -> None:
     joints = Recorded(damping=5.0, coulomb=4.0, seed=seed).joints()

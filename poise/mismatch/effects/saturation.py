@@ -13,8 +13,6 @@ _HIGHEST = 1e4
 """N or N m: a limit that is never reached."""
 _FEWEST = 8
 """Readings at exactly one extreme value that chance does not explain."""
-_CROWD = 3
-"""How many times as many these are as the readings at any other value."""
 _BEYOND, _SIGMAS = 0.9, 3.0
 """Share of these readings at which the load reaches the limit as the model predicts it, within so many sigmas."""
 _VARIES = 0.5
@@ -122,8 +120,6 @@ def at_ends(readings: Array, expected: Array) -> Mask:
             if end == 0.0:
                 continue
             rows = signed >= end * (1.0 - 1e-9)
-            if rows.sum() < _CROWD * _largest_crowd(signed[~rows & (signed >= 0.0)]):
-                continue  # steps of a coarse driver, zero being one
             if np.std(expected[rows, c]) > max(_VARIES * noise[c], lattice(channel)):
                 found[:, c] |= rows
     return found
@@ -151,9 +147,5 @@ def plateau(values: Array) -> float:
     if at_limit < _FEWEST:
         return 0.0
     below = size[size <= limit * (1.0 - 1e-9)]
-    return limit if at_limit >= _CROWD * _largest_crowd(below / limit) else 0.0
-
-
-def _largest_crowd(values: Array) -> int:
-    """How many of values (N,) are the same one."""
-    return int(np.unique(np.round(values, 9), return_counts=True)[1].max()) if len(values) else 0
+    crowd = int(np.unique(np.round(below / limit, 9), return_counts=True)[1].max()) if len(below) else 0
+    return limit if at_limit >= 3 * crowd else 0.0
