@@ -6,7 +6,8 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from poise.inertia import InertialParameters
 from poise.mismatch.answer.residual_test import judge_residual
-from poise.mismatch.inference import Problem
+from poise.mismatch.answer.unknown_physics import unknown_physics
+from poise.mismatch.inference import Problem, fit
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.reading.motion_variance import wrench_variance
@@ -167,3 +168,22 @@ def test_quiet_channels_do_not_hide_the_residual_of_one(size: float) -> None:
     found = judge_residual(problem, values, problem.whiten(values))
     assert found.excess < 0.0
     assert (found.structured, found.channel) == ((True, "fy") if size else (False, ""))
+
+
+@pytest.mark.parametrize(
+    ("size", "lasts", "found"),
+    [(40.0, 0.2, (8.1, 17.1)), (9.0, 0.03, ()), (60.0, 0.03, (8.0, 17.0)), (60.0, 0.012, ())],
+)
+def test_brief_events_are_not_the_colour_of_noise(size: float, lasts: float, found: tuple[float, ...]) -> None:
+    """A base that drove over thresholds was `none` at 4.6 noises: coloured noise may have this energy."""
+    values = noise("white", 200, seed=7)
+    seconds = np.arange(len(values)) / 200
+    for begin in (8.0, 17.0):
+        values[:, 2] += size * values[:, 2].std() * ((seconds > begin) & (seconds < begin + lasts))
+    problem = Problem(standing(seconds, values), NominalModel(), fitted(values, 200))
+    rest = judge_residual(problem, values, problem.whiten(values))
+    assert rest.excess < 0.05
+    assert rest.structured == bool(found)
+    assert rest.bursts == pytest.approx(found, abs=0.02)
+    if found:
+        assert f"at {found[0]:.1f} s, {found[1]:.1f} s" in str(unknown_physics(problem, fit(problem, ()), rest))

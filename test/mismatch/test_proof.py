@@ -265,6 +265,15 @@ def test_an_event_without_a_free_course_needs_no_more_than_other_effects_when_it
     assert faint(FittedEffect(leak, {}), proof, 500.0)
 
 
+def test_an_effect_in_joint_efforts_is_not_alone_beside_an_unknown_wrench() -> None:
+    """A hand on the tool, in many spans, was unknown in the wrench and an `effort_offset` (85 %, 30 nats)."""
+    offset = FittedEffect(effect_named("effort_offset"), {})
+    proof = EffectProof(6, 5, 0.667, 0.651, 45.0, 0.05, 0.4, 0.08, 30.0, 0.55, 0.0)
+    assert not faint(offset, proof, 30.0)
+    assert "from the noise" in faint(offset, proof, 30.0, beside_unknown=True)
+    assert not faint(offset, replace(proof, gain=450.0, evidence=300.0), 300.0, beside_unknown=True)
+
+
 def test_a_brief_vibration_below_the_noise_is_known_by_its_evidence() -> None:
     vibration = effect_named("external_vibration")
     assert vibration is not None

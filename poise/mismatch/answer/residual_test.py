@@ -4,13 +4,15 @@ The test is absolute: the residual is compared with the size that sensor noise m
 (an autoregressive filter can make any residual white).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import binary_opening
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import MATERIAL_EXCESS, Problem, allowed_excess, linear_bspline_basis
+from poise.mismatch.inference import MATERIAL_EXCESS, FittedEffect, Problem, allowed_excess, linear_bspline_basis
 from poise.mismatch.recorded import block_means
 from poise.types import Array
 
@@ -19,6 +21,19 @@ _LOUDER = 1.3
 _ONE_CHANNEL = 0.5
 """Energy of one channel, beyond the share that all channels may have, that is structure where the others have less."""
 
+_SPIKE = 5.0
+"""Sigmas to which single residuals are limited."""
+_BURSTS, _FEWEST = ((10.0, 0.06), (20.0, 0.02)), 5
+"""Sigmas, and s for which a residual beyond these is no spike and no noise, with the fewest samples: brief events in a
+calm recording make its noise look coloured, and are within the energy that this may have."""
+_REVERSES = 0.1
+"""Share of the usual speed of a joint below which it may reverse: when its dry friction does is known to steps of the
+encoder."""
+_APART = 0.5
+"""s between bursts of different events."""
+_BESIDE = 0.15
+"""s at the begin and the end of a named event in which its course is not known as exactly."""
+
 
 @dataclass(frozen=True)
 class ResidualTest:
@@ -26,6 +41,8 @@ class ResidualTest:
 
     Args:
         excess: energy of the residual over that of the noise, less one.
+        bursts: s, when something acts shortly that no noise of any family does, where the energy of the whole
+            recording is that of noise.
         channel: the name of the channel, or joint, with a residual where the others have none; "".
         of_channel: its excess; that of all channels where there is none.
         structured: the residual exceeds the noise.
@@ -41,6 +58,7 @@ class ResidualTest:
     louder: bool
     depends_on: tuple[str, ...]
     whiteness: float
+    bursts: tuple[float, ...] = ()
 
     @property
     def only_louder(self) -> bool:
@@ -48,8 +66,20 @@ class ResidualTest:
         return self.louder and self.excess <= MATERIAL_EXCESS
 
 
-def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
-    """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
+def judge_residual(
+    problem: Problem,
+    residual: Array,
+    whitened: Array,
+    rounding: Array | float = 0.0,
+    named: Sequence[FittedEffect] = (),
+) -> ResidualTest:
+    """Test a residual (N, C) and its whitened form (R,).
+
+    Args:
+        problem, residual, whitened: see above.
+        rounding: (C,) of the readings, one sigma, which is no structure.
+        named: the effects of the answer, whose own events are no bursts.
+    """
     scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
     energy, free = _energies(problem, residual)
     excess, material = _excess(energy, free), allowed_excess(problem)
@@ -60,10 +90,14 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     worst = int(np.argmax(each - rounded))
     alone = excess <= allowed and each[worst] - rounded[worst] > material + _ONE_CHANNEL
     structured = excess > allowed or loud or alone
+    bursts = () if structured else _bursts(problem, residual, named)
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     white = _strongest_correlation(whitened.reshape(residual.shape[1], -1))
     channel = problem.channels[worst] if alone else ""
-    return ResidualTest(excess, channel, float(each[worst]) if alone else excess, structured, loud, depends, white)
+    of_channel = float(each[worst]) if alone else excess
+    if bursts:
+        structured, depends = True, ("time",)
+    return ResidualTest(excess, channel, of_channel, structured, loud, depends, white, bursts)
 
 
 def excess_of(problem: Problem, residual: Array) -> float:
@@ -78,8 +112,33 @@ def _excess(energy: Array, free: Array) -> float:
 def _energies(problem: Problem, residual: Array) -> tuple[Array, Array]:
     """(C,) energy of each channel of a residual in units of its noise, and (C,) the readings that count."""
     # A few spikes are no structure: residuals are limited to five sigmas.
-    scaled = np.clip((residual / problem.noise.total)[problem.active], -5.0, 5.0)
+    scaled = np.clip((residual / problem.noise.total)[problem.active], -_SPIKE, _SPIKE)
     return np.sum(scaled**2, axis=0), np.asarray(problem.free[problem.active].sum(axis=0))
+
+
+def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) -> tuple[float, ...]:
+    """The middle times of runs of residuals (N, C) of one channel beyond those of `_BURSTS`, s."""
+    seconds = problem.seconds
+    judged = problem.active.copy()
+    for part in named:
+        for begin, end in part.effect.windows(problem.recorded, part.values):
+            edges = [(begin, end)] if part.effect.free(part.values) else [(begin, begin), (end, end)]
+            for first, last in edges:
+                judged &= (seconds < first - _BESIDE) | (seconds > last + _BESIDE)
+    known = judged[:, None] & (problem.free > 0.0)
+    track = problem.recorded.effort
+    if problem.signal == "effort" and track is not None:
+        speed = np.abs(track.velocity)
+        known &= speed > _REVERSES * np.quantile(speed, 0.99, axis=0)
+    scaled = np.where(known, np.abs(residual) / problem.noise.total, 0.0)
+    period = float(np.median(np.diff(seconds)))
+    lasting = np.zeros(len(seconds), dtype=bool)
+    for sigmas, least in _BURSTS:
+        length = max(round(least / period), _FEWEST)
+        lasting |= binary_opening(scaled > sigmas, np.ones((length, 1))).any(axis=1)
+    when = seconds[lasting]
+    groups = np.split(when, np.flatnonzero(np.diff(when) > _APART) + 1)
+    return tuple(float(group[0] + group[-1]) / 2 for group in groups if len(group))
 
 
 def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tuple[str, ...]:

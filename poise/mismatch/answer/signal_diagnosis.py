@@ -128,7 +128,9 @@ def examined_signal(
     (model, final, best, proof), instead = _with_rivals(state, best, seen, held, rivals)
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, best, library)
-    rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
+    rest = judge_residual(
+        final, residual_of(final, best), best.regression.residual, _rounding(final, detected), best.parts
+    )
     left = unknown_physics(final, best, rest)
     beside = "" if left is None else next(iter(left.depends_on), "time")
     varied = variations(final, best.parts)

@@ -18,6 +18,8 @@ from poise.mismatch.inference import (
 
 _LEAST_NAMED = 0.45
 """Probability below which an effect is not named: all other causes together are likelier."""
+_LISTED = 5
+"""Times of an event that a sentence lists."""
 _NEGLIGIBLE = 0.1
 """Probability of an effect and all its rivals below which they explain nothing, if the rest is noise without them."""
 
@@ -95,6 +97,11 @@ def unknown_physics(
             "than while it moves slowly, unlike the noise of a sensor.",
             None,
         )
+    if rest.bursts:
+        times = ", ".join(f"{time:.1f} s" for time in rest.bursts[:_LISTED])
+        more = f" and {len(rest.bursts) - _LISTED} more times" if len(rest.bursts) > _LISTED else ""
+        sentence = f"Something outside the library acts for a short while, at {times}{more}."
+        return UnknownPhysics(tuple(depends), sentence, None)
     what = " and ".join(state_description(state) for state in depends) or "no recorded state"
     where = f" of {rest.channel}" if rest.channel else ""
     sentence = (

@@ -23,6 +23,9 @@ from poise.types import Array
 
 _INERTIAL = EffectParameter("inertial", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True)
 
+_CHANGES = 0.05
+"""Least share of the response that Coulomb friction does not have: no law of friction is exact."""
+
 
 class LoadDependentFriction(DryFriction):
     """tau_j = r_j |load_j| s_j, s as in `reversal`: a gear's loss in proportion to what it transmits.
@@ -56,6 +59,20 @@ class LoadDependentFriction(DryFriction):
         track = efforts(recorded)
         load = track.rigid if nonlinear[_INERTIAL.name] else track.rigid - track.accelerating
         return each_joint(np.abs(load) * reversal(recorded, nonlinear))
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """Where the load of the joints that rub hardly changes, as that of a lift, it is Coulomb friction as well."""
+        refused = super().implausible(recorded, values)
+        return refused or self._as_coulomb(recorded, values)
+
+    def _as_coulomb(self, recorded: RecordedMotion, values: Values) -> str:
+        # Sizes of joints in N m and N: all are relative to what each joint carries.
+        size = np.maximum(np.quantile(np.abs(efforts(recorded).measured), 0.99, axis=0), 1e-9)
+        response, sense = self.simulate(recorded, values) / size, reversal(recorded, values)
+        steady = np.sum(response * sense, axis=0) / np.maximum(np.sum(sense**2, axis=0), 1e-9)
+        left = float(np.sum((response - steady * sense) ** 2))
+        hardly = left < _CHANGES**2 * float(np.sum(response**2))
+        return "the load hardly changes: Coulomb friction has the same response" if hardly else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [100.0 * values[f"ratio_{i}"] for i in numbers(recorded)], "%")

@@ -22,7 +22,8 @@ _BESIDE = 0.5
 class MassStep(Effect):
     """phi(t) = phi + dphi from `time` on, for `length` where a part is picked up and put down again.
 
-    A small part: its inertia about its own centre is left out.
+    A small part near the payload's centre of mass c0: of its inertia about the sensor, dm c c', what is linear in dm
+    and dm c counts; dm (c - c0) (c - c0)' is left out.
     """
 
     name = "mass_step"
@@ -69,8 +70,8 @@ class MassStep(Effect):
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         begin, end = _span(nonlinear)
         changed = (recorded.seconds >= begin) & (recorded.seconds < end) & recorded.recording_of(begin)
-        matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
-        return np.asarray(matrix * changed[:, None, None])
+        matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
+        return np.asarray(matrix @ _part(recorded.phi) * changed[:, None, None])
 
     def inert(self, values: Values) -> tuple[str, ...]:
         return () if values.get("returns") else ("length",)
@@ -120,6 +121,20 @@ class MassStep(Effect):
             f"At {start:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}{again}: "
             "the nominal model's payload does not change."
         )
+
+
+def _part(phi: Array) -> Array:
+    """(10, 4) change of phi by the mass and the moment of a small part near the centre of mass of a payload phi.
+
+    For a part at c near c0, m c c' = h c0' + c0 h' - m c0 c0' + m (c - c0) (c - c0)', h = m c.
+    """
+    steps = np.eye(10, 4)
+    centre = phi[1:4] / phi[0] if phi[0] > 0.0 else np.zeros(3)
+    for column, moment in enumerate([np.zeros(3), *np.eye(3)]):
+        second = np.outer(moment, centre) + np.outer(centre, moment) - (column == 0) * np.outer(centre, centre)
+        inertia = np.trace(second) * np.eye(3) - second
+        steps[4:, column] = inertia[np.triu_indices(3)]
+    return steps
 
 
 def _span(values: Values) -> tuple[float, float]:

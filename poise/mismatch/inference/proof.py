@@ -174,7 +174,7 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
             # What fails by itself is no stronger effect, beside which another one is faint.
             strongest = max((proof.support for proof in proofs), default=0.0)
             lacking = [
-                faint(part, proof, strongest, _brief(problem, part))
+                faint(part, proof, strongest, _brief(problem, part), _beside_unknown(problem))
                 or _detail_of_friction(state, problem, whole, part, proof)
                 for part, proof in zip(whole.parts, proofs, strict=True)
             ]
@@ -236,7 +236,15 @@ def _brief(problem: Problem, part: FittedEffect) -> bool:
     return bool(windows) and not _stays(problem, part) and total < BRIEF * problem.recorded.duration
 
 
-def faint(part: FittedEffect, proof: EffectProof, strongest: float, brief: bool = False) -> str:
+def _beside_unknown(problem: Problem) -> bool:
+    """Whether what no name explains of the wrench acts on these efforts."""
+    track = problem.recorded.effort
+    return problem.signal == "effort" and track is not None and track.by_rest is not None
+
+
+def faint(
+    part: FittedEffect, proof: EffectProof, strongest: float, brief: bool = False, beside_unknown: bool = False
+) -> str:
     """Why noise may give the evidence for an effect; `strongest` is the most that an effect of the model has.
 
     An effect that is alone explains everything that there is to explain; its probability says how weak it is. An event
@@ -246,7 +254,7 @@ def faint(part: FittedEffect, proof: EffectProof, strongest: float, brief: bool 
     free = part.effect.free(part.values)
     if (free or brief) and proof.support < _LEAST_OF_LAW * strongest:
         return f"its evidence, {proof.support:.0f} nats, may come from the law of an effect with {strongest:.0f}"
-    alone = not free and proof.support >= strongest
+    alone = not (free or beside_unknown) and proof.support >= strongest
     if alone or isinstance(part.effect, Dependence) or proof.support >= LEAST_BESIDE:
         return ""
     return f"its evidence, {proof.support:.0f} nats, may come from the noise"

@@ -8,7 +8,7 @@ vanishes at speed, unlike friction.
 
 import numpy as np
 
-from poise.mismatch.effects import bristles_along, soft_ramp
+from poise.mismatch.effects import COULOMB_TRANSITION, bristles_along, soft_ramp
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array, Mask
 
@@ -20,6 +20,8 @@ _SHARP = 0.025
 """rad/s or m/s: longest ramp of a model that states none. A drive sharper than a soft model imitates stiction."""
 _LEADS = (0.0, 0.0095)
 """s by which the acceleration leads: of dry friction, and of MuJoCo's friction loss."""
+_CREEPS = 3.0
+"""Usual speed of a joint, in units of the model's reversal, below which the whole motion is a part of that."""
 _DISTANCES = np.geomspace(1e-4, 0.03, 5)
 """rad or m, along which bristles bend after a reversal."""
 
@@ -40,16 +42,33 @@ def reversal_columns(track: EffortTrack) -> Array:
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
         ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
-        if len(ramps) < 2:
+        own = _own_law(track, joint)
+        if len(ramps) < 2 and not len(own):
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
+        if len(own) and np.quantile(np.abs(velocity), 0.9) < _CREEPS * COULOMB_TRANSITION:
+            # Beside such a motion every reversal is smooth: errors of the weight alone count.
+            beside = np.column_stack([np.ones_like(velocity), track.rigid[:, joint]])
         soft = [soft_ramp(velocity, acceleration, lead, ramp) for lead in _LEADS for ramp in ramps]
-        laws = np.column_stack([*soft, *(each[:, joint] for each in bent)])
+        laws = np.column_stack([*soft, *(each[:, joint] for each in bent), *own])
         longest = np.inf if track.errors_cancel else max(_SHARP, track.stated[joint].ramp)
-        modelled = np.append(np.tile(ramps <= longest, len(_LEADS)), [True] * len(bent))
+        modelled = np.append(np.tile(ramps <= longest, len(_LEADS)), [True] * (len(bent) + len(own)))
         found[:, joint] = _likeliest(laws, beside, residual[:, joint], modelled)
     return found
+
+
+def _own_law(track: EffortTrack, joint: int) -> list[Array]:
+    """(M,) how the friction that the model states for a joint reverses; none without such friction.
+
+    No other law is near it where the whole motion is hardly faster than its reversal.
+    """
+    if not track.stated or not track.stated[joint].friction:
+        return []
+    physics, velocity = track.stated[joint], track.velocity[:, joint]
+    if physics.ramp > 0.0:
+        return [soft_ramp(velocity, track.acceleration[:, joint], physics.lead, physics.ramp)]
+    return [np.tanh(velocity / COULOMB_TRANSITION)]
 
 
 def _likeliest(laws: Array, beside: Array, residual: Array, modelled: Mask) -> Array:

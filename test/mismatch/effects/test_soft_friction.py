@@ -99,6 +99,21 @@ def test_a_model_of_soft_friction_beside_bristles_is_a_difference_of_reversals()
     assert (((off - 0.5 * found) ** 2).sum(axis=0) < 0.25 * (off**2).sum(axis=0))[seen].all()
 
 
+def test_a_motion_as_slow_as_the_reversal_of_the_model_shows_no_other_physics() -> None:
+    """An arm that creeps: bristles reverse along 0.2 mrad, the model's friction within some mrad/s."""
+    at, effect = effort_world(), effect_named("coulomb_friction")
+    slow = replace(at.effort, velocity=0.02 * at.effort.velocity, acceleration=4e-4 * at.effort.acceleration)
+    at = replace(at, effort=slow)
+    torques = {f"torque_{i}": f for i, f in enumerate(FRICTION, 1)}
+    drive = torques | {f"presliding_{i}": 2e-4 for i in range(1, 7)} | {"law": PRESLIDING}
+    off = effect.simulate(at, filled(effect, at, drive)) - FRICTION * np.tanh(slow.velocity / 0.005)
+    stated = tuple(JointPhysics(friction=f) for f in FRICTION)
+    noise = 0.02 * np.random.default_rng(4).normal(size=off.shape) * FRICTION
+    measured = slow.prediction + off + 0.005 * slow.rigid + noise
+    found = reversal_columns(replace(slow, measured=measured, stated=stated))
+    assert (((off - 0.5 * found) ** 2).sum(axis=0) < 0.1 * (off**2).sum(axis=0)).all()
+
+
 def test_stiction_is_no_difference_of_reversals() -> None:
     """6 N m of stiction below 0.08 rad/s, beside 5 N m of sharp friction that the model states, was `none`."""
     at, effect = effort_world(), effect_named("stribeck_friction")
