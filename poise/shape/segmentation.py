@@ -22,6 +22,8 @@ _SHADING = 0.2
 """Share by which lightness may be off where lighting was taken out: normals at edges are means."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
+_WALLS = 0.1
+"""`MergeCosts.blur` where colours say nothing: walls of one paint are of one piece, unless a neck says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class SegmentationOptions:
     points: int = 2500
     clusters: int = 120
     noise: float | None = None
-    limit: float = 0.008
+    limit: float = 0.0125
     plain_limit: float = 0.025
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
@@ -209,7 +211,7 @@ def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCo
     There what has one colour likely is one piece, among others of other colours too.
     """
     if plain:
-        return replace(options.costs, shading=shading, colour=0.0)
+        return replace(options.costs, shading=shading, colour=0.0, blur=max(options.costs.blur, _WALLS))
     one_colour = options.limit / options.plain_limit if shading else options.costs.one_colour
     return replace(options.costs, shading=shading, one_colour=one_colour)
 
