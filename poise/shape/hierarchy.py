@@ -215,7 +215,7 @@ class _Clusters:
         """(2, K) shares of the borders' edges that fold inwards, and across which a sheet does."""
         keys = zip(np.minimum(i, j).tolist(), np.maximum(i, j).tolist(), strict=True)
         inwards, folded, edges = np.array([self._edges.get(key, _NO_EDGES) for key in keys]).reshape(-1, 3).T
-        return np.stack([inwards, folded]) / (edges + _FEWEST_EDGES)
+        return np.asarray(np.stack([inwards, folded]) / (edges + _FEWEST_EDGES))
 
     def merge(self, i: int, j: int) -> int:
         """The cluster that takes the place of two."""

@@ -123,7 +123,8 @@ def reconstruct(
     rows = _distinct(points)
     if len(rows) == len(points):
         return _reconstructed(points, wanted, noise, normals, seen, doubt, air)
-    normals, seen, doubt = (None if each is None else each[rows] for each in (normals, seen, doubt))
+    normals = None if normals is None else normals[rows]
+    seen, doubt = None if seen is None else seen[rows], None if doubt is None else doubt[rows]
     made = _reconstructed(points[rows], wanted, noise, normals, seen, doubt, air)
     return replace(made, rows=rows[made.rows])
 

@@ -173,9 +173,8 @@ def segment(
     if colours is not None:
         known = np.ones(len(few), bool) if seen is None else seen[made.rows]
         shades, smooth, shading = _paint(colours[made.rows], few, graph, known)
-    plain = _contrast(smooth, shading) <= _PLAIN
-    shown = np.zeros_like(smooth) if plain else smooth  # noise of one paint is no border between clusters
-    features = Features(few / spacing, shown, graph.normals, shading)
+    plain = _contrast(smooth, shading) <= _PLAIN  # then noise of the paint is no border between clusters
+    features = Features(few / spacing, smooth * (not plain), graph.normals, shading)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)
     costs = _costs(options, shading, plain)
@@ -183,8 +182,7 @@ def segment(
     limit = options.plain_limit if plain else options.limit
     steps = hierarchy.steps_below(limit) if options.parts is None else hierarchy.steps_to(options.parts)
     parts = hierarchy.labels(steps)
-    every = len(few) == len(points)
-    own = np.arange(len(few)) if every else nearest(points[made.rows], points, 1)[1][:, 0]
+    own = np.arange(len(few)) if len(few) == len(points) else nearest(points[made.rows], points, 1)[1][:, 0]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
     labels, solid = parts[point_leaves][own], guarded(made, parts[leaves])
     notes += wide_gap(solid)

@@ -28,31 +28,32 @@ def sheet_folds(carved: Solid, graph: SurfaceGraph) -> Mask:
         carved: T tetrahedra, of a Delaunay triangulation.
         graph: of its surface, E edges.
     """
-    opposite = opposite_points(carved, graph.normals)
+    inwards = graph.creases > INWARDS
+    necks = np.zeros(len(carved.vertices), bool)
+    necks[graph.edges[inwards]] = True
+    opposite = opposite_points(carved, graph.normals, necks)
     there, points, normals = opposite != _NOWHERE, carved.vertices, graph.normals
     thickness = lengths(points - points[opposite])
     sheet = there & (np.einsum("ij,ij->i", normals, normals[opposite]) < _OPPOSITE)
-    inwards = graph.creases > INWARDS
-    necks = np.zeros(len(points), bool)
-    necks[graph.edges[inwards]] = True
     sheet &= ~necks[opposite]
     i, j = graph.edges.T
     alike = np.maximum(thickness[i], thickness[j]) < _ALIKE * np.minimum(thickness[i], thickness[j])
     return np.asarray(inwards & sheet[i] & sheet[j] & alike)
 
 
-def opposite_points(carved: Solid, normals: Array) -> Indices:
-    """(V,) the point that the pole of each vertex touches on the other side; -1 where there is none.
+def opposite_points(carved: Solid, normals: Array, asked: Mask) -> Indices:
+    """(V,) the point that the pole of a vertex touches on the other side; -1 where there is none, or it is not asked.
 
     Args:
         carved: T tetrahedra, of a Delaunay triangulation.
         normals: (V, 3) outward unit normals.
+        asked: (V,) of which vertices.
     """
-    points, tetrahedra = carved.vertices, carved.tetrahedra
+    points, tetrahedra = carved.vertices, carved.tetrahedra[asked[carved.tetrahedra].any(axis=1)]
     centres, radii = _spheres(points[tetrahedra])
     vertex, owner = tetrahedra.ravel(), np.repeat(np.arange(len(tetrahedra)), 4)
     depth = np.einsum("ij,ij->i", points[vertex] - centres[owner], normals[vertex])
-    kept = np.flatnonzero(depth > _LEAN * radii[owner])
+    kept = np.flatnonzero(asked[vertex] & (depth > _LEAN * radii[owner]))
     kept = kept[np.argsort(radii[owner[kept]], kind="stable")]
     pole = np.full(len(points), _NOWHERE)
     pole[vertex[kept]] = owner[kept]  # of several the largest, which is written last

@@ -31,7 +31,7 @@ def made(points: Array, noise: float, rng: np.random.Generator) -> Reconstructio
 def test_opposite_of_a_plate_is_its_other_face() -> None:
     rng = np.random.default_rng(1)
     found = made(samples.box(rng, (0.1, 0.08, 0.008), 2500), 0.0, rng).carved
-    opposite = opposite_points(found, surface_graph(found).normals)
+    opposite = opposite_points(found, surface_graph(found).normals, np.ones(len(found.vertices), bool))
     x, y, z = found.vertices.T
     inner = (np.abs(x) < 0.045) & (np.abs(y) < 0.035) & (np.abs(z) > 0.0039)
     assert np.mean(opposite[inner] >= 0) > 0.99
