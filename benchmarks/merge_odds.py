@@ -3,7 +3,8 @@
 python -m benchmarks.merge_odds [--objects N] [--boxes N]
 
 Each pair of clusters that might be merged is asked whether most of their points are of two true parts. A pair counts as
-much as the share of the surface that would be in the wrong part. All objects are development objects.
+much as the share of the surface that would be in the wrong part. All objects are development objects. The weight of
+folds of sheets is left out: random objects have too few of them.
 """
 
 import argparse
@@ -107,7 +108,7 @@ def _judged(counts: Array, pairs: Indices, terms: Array, owner: int, plain: bool
     """Pairs of clusters that have points; where colours say nothing (`plain`), they are no term."""
     left, right = counts[pairs[:, 0]], counts[pairs[:, 1]]
     full = (left.sum(axis=1) > 0) & (right.sum(axis=1) > 0)
-    left, right, rows = left[full], right[full], np.insert(terms[full], 0, 1.0, axis=1)
+    left, right, rows = left[full], right[full], np.insert(terms[full, : len(NAMES) - 1], 0, 1.0, axis=1)
     rows[:, NAMES.index("colour")] *= not plain
     total = counts[counts.sum(axis=1).argmax()].sum()
     weights = np.minimum(left.max(axis=1), right.max(axis=1)) / total
@@ -156,7 +157,7 @@ def main() -> None:
                 found.append(pairs_of(points, given, labels, number // 2))
     pairs, costs = Pairs.of_all(found), MergeCosts()
     weights, errors = fitted(pairs)
-    used = np.array([costs.constant, *costs.weights])
+    used = np.array([costs.constant, *costs.weights[: len(NAMES) - 1]])
     table = Table("term", "weight in the code", "fitted", "standard error, by objects")
     for name, *row in zip(NAMES, used, weights, errors, strict=True):
         table.add_row(name, *(f"{value:.2f}" for value in row))

@@ -37,6 +37,8 @@ SEEN_OFF = 0.7e-3
 """m that seen points are off their surface."""
 _STRAY = 0.002
 """Share of the points at each end of the object that do not say where it ends."""
+_LEVELS = 255
+"""Steps of a colour in a file."""
 SCANNED_FROM = 2 * HIDDEN_OFF
 """m over the support, from which on a scan shows the shape of an object."""
 
@@ -139,7 +141,7 @@ def scan(
     reach(1.0)
     whole = surface if hidden is None else _joined(surface, hidden)
     seen = np.arange(len(whole.points)) < len(surface.points)
-    cloud = whole.points, whole.colours, whole.normals, seen
+    cloud = whole.points, _stored(whole.colours), whole.normals, seen
     doubt = None if hidden is None else _doubt(found, low, hidden.doubt)
     air = None if hidden is None or found.pushed else hidden.air
     counts = found.n_objects, len(found.views), found.moved
@@ -304,6 +306,11 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
     points, plane = table_of(views, options)
     _, middles, standing = things_on(views, points, plane, options)
     return middles[standing]
+
+
+def _stored(colours: Array | None) -> Array | None:
+    """Colours (N, 3) 0..1 in the steps of a file: clusters are so sensitive that else its parts would be others."""
+    return None if colours is None else np.round(_LEVELS * np.clip(colours, 0, 1)) / _LEVELS
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:

@@ -141,6 +141,8 @@ def _without_placeholders(table: Array, rows: Indices, notes: tuple[str, ...]) -
     Cameras write 0 0 0, or -9999 three times, where a pixel has no depth. A cloud in which each point stands several
     times has no such place.
     """
+    if len(rows) < _PLACEHOLDER or not _often(table[rows, 0], _PLACEHOLDER):
+        return rows, notes
     first, number = unique_rows(table[rows])
     counts = np.bincount(number)
     most = int(counts.argmax())
@@ -151,6 +153,12 @@ def _without_placeholders(table: Array, rows: Indices, notes: tuple[str, ...]) -
         *notes,
         f"{counts[most]} of {len(table)} points are ({place}), as where a pixel has no depth, and were left out",
     )
+
+
+def _often(values: Array, least: int) -> bool:
+    """Whether some number is at least so often among values (N,)."""
+    ordered = np.sort(values)
+    return bool(np.any(ordered[least - 1 :] == ordered[: len(ordered) - least + 1]))
 
 
 def _check_size(points: Array, name: str) -> tuple[str, ...]:

@@ -1,11 +1,11 @@
 """Hierarchical tetrahedral clustering: merge what likely is one part first (Attene 2008; thesis section 3.2.1).
 
 Whether a border lies between two parts is a question of odds. They depend on the share of the border along which the
-surface folds inwards (the minima rule), the step of colour, how much larger the ellipsoid of inertia of both is than
-those of each (where Attene compares convex hulls), the ratio of their thicknesses, and their sizes. The log odds are a
-sum of these; its weights are those of a logistic regression on borders of random objects (see `MergeCosts`). A merge
-costs -log(1 - p), where p is the probability that it is wrong, times the share of the surface that would then be in the
-wrong part.
+surface folds inwards (the minima rule), and of that along which only a sheet does (see `sheets`), the step of colour,
+how much larger the ellipsoid of inertia of both is than those of each (where Attene compares convex hulls), the ratio
+of their thicknesses, and their sizes. The log odds are a sum of these; its weights are those of a logistic regression
+on borders of random objects (see `MergeCosts`). A merge costs -log(1 - p), where p is the probability that it is wrong,
+times the share of the surface that would then be in the wrong part.
 """
 
 import heapq
@@ -17,14 +17,13 @@ from scipy.spatial import cKDTree
 from poise.kernels import COMPILED, merged_clusters
 from poise.shape.grouping import linked
 from poise.shape.lighting import colour_noise, colour_steps
+from poise.shape.sheets import sheet_folds
 from poise.shape.solid import Solid
-from poise.shape.surface_graph import SurfaceGraph
-from poise.types import Array, Indices
+from poise.shape.surface_graph import INWARDS, SurfaceGraph
+from poise.types import Array, Indices, Mask
 
 _FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""
-_INWARDS = 0.15
-"""Fold of an edge from which on it counts as folded inwards: 32 degrees."""
 _HASTE = 1e-3
 """Factor of the cost for what is too small to be a part."""
 _ONE_COLOUR = 0.1
@@ -35,6 +34,7 @@ _SMALLEST, _FLATTEST = 1e-6, 1e-24
 """Shares of the object's volume, and squares of volumes of ellipsoids, below which they are rounding errors."""
 _MOST_COMPILED = 1000
 """Leaves whose pairs have a table each."""
+_NO_EDGES = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class MergeCosts:
 
     The first seven are a logistic regression on 1,470,000 pairs that might be merged, weighted by the surface that
     would be in the wrong part: of the random objects with seeds 100 to 259 and 300 to 371, with and without colours,
-    with a noise of 0.3 and 1 mm, and of 60 boxes. The workshop tools had no part in it.
+    with a noise of 0.3 and 1 mm, and of 60 boxes. The workshop tools had no part in it. The weight of folds is from
+    another one with hollow things, since random objects have few sheets (see docs/segment_results.md).
 
     Args:
         constant: without any other.
@@ -53,6 +54,9 @@ class MergeCosts:
         thickness: for the log of the ratio of volume per surface of one to that of the other.
         smaller: for the log of the smaller one's share of the volume.
         both: for the log of the share of both.
+        fold: for the share of the border's edges across which a sheet folds (see `sheets`).
+        blur: standard deviation, in edges of a cube of the object's volume, that the ellipsoids have more along each
+            axis: that of a flat wall is so small that a second one at its side makes it many times as large.
         shading: share by which lightness may differ for nothing, because lighting is not known exactly.
         one_colour: factor of the cost for clusters of one colour.
         least: share of the volume below which a cluster is no part, and merges with the likest beside it.
@@ -65,14 +69,17 @@ class MergeCosts:
     thickness: float = 0.87
     smaller: float = -0.28
     both: float = 0.48
+    fold: float = -10.0
+    blur: float = 0.0
     shading: float = 0.0
     one_colour: float = 1.0
     least: float = 0.01
 
     @property
     def weights(self) -> Array:
-        """(6,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both."""
-        return np.array([self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both])
+        """(7,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both, fold."""
+        known = self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both, self.fold
+        return np.array(known)
 
 
 @dataclass(frozen=True)
@@ -136,6 +143,7 @@ class _Clusters:
         self._volume, self._area, self._weight = (np.zeros(most) for _ in range(3))
         self._colour, self._moment = np.zeros((most, 3)), np.zeros((most, 10))
         self._moment[:count] = _moments(solid, leaves, count)
+        self._moment[:count, 4:7] += costs.blur**2 * self._moment[:count, :1]
         self._volume[:count] = np.maximum(self._moment[:count, 0], _SMALLEST**2)
         facing = np.bincount(leaves[solid.surface[1]], solid.areas, minlength=count) / solid.areas.sum()
         self._area[:count] = np.maximum(facing, _SMALLEST)
@@ -145,22 +153,24 @@ class _Clusters:
         self._weight[:count] = np.maximum(sizes, 1) / len(point_leaves)
         self.touching: dict[int, set[int]] = {leaf: set() for leaf in range(count)}
         self.next = count
-        self._edges: dict[tuple[int, int], tuple[float, float]] = {}  # folded inwards, and all, along each border
+        self._edges: dict[tuple[int, int], Array] = {}  # (3,) folded inwards, of folded sheets, and all, of each border
 
     def meet(self, i: int, j: int) -> None:
         self.touching[i].add(j)
         self.touching[j].add(i)
 
-    def add_border(self, i: int, j: int, inwards: float, edges: float) -> None:
-        self._edges[i, j] = inwards, edges
+    def add_border(self, i: int, j: int, counts: Array) -> None:
+        self._edges[i, j] = counts
 
-    def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
-        """As `_merge_all`."""
+    def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array]) -> list[Merge]:
+        """As `_merge_all`. Edges of folds count as a number of edges that fold inwards, which may be negative."""
+        ends, (inwards, folded, edges) = borders[0], borders[1].T
+        inwards = inwards + self.costs.fold / self.costs.concave * folded
         known: dict[str, Array] = {"volume": self._volume, "area": self._area, "weight": self._weight}
         known |= {"shade": self._colour, "moment": self._moment}
         numbers = {"noise": self._noise, "alike": _ONE_COLOUR, "haste": _HASTE, "few": _FEWEST_EDGES}
         numbers |= {"thickest": _THICKEST, "smallest": _SMALLEST, "flattest": _FLATTEST, **vars(self.costs)}
-        rows, costs = merged_clusters(pairs, borders, known, numbers)
+        rows, costs = merged_clusters(pairs, (ends, inwards, edges), known, numbers)
         steps = zip(rows.tolist(), costs.tolist(), strict=True)
         return [Merge(i, j, self.next + step, cost) for step, ((i, j), cost) in enumerate(steps)]
 
@@ -174,18 +184,20 @@ class _Clusters:
         return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
 
     def terms(self, i: Indices, j: Indices) -> Array:
-        """(K, 6) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
+        """(K, 7) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
         joined = _extents(self._moment[i] + self._moment[j])
         grown = np.log(joined / (_extents(self._moment[i]) + _extents(self._moment[j])))
         thick = self._volume[i] * self._area[j] / (self._volume[j] * self._area[i])
         smaller = np.maximum(np.minimum(self._volume[i], self._volume[j]), _SMALLEST)
+        inwards, folded = self._shares(i, j)
         columns = [
-            self._inwards(i, j),
+            inwards,
             self._steps(i, j),
             grown,
             np.minimum(np.abs(np.log(thick)), _THICKEST),
             np.log(smaller),
             np.log(self._volume[i] + self._volume[j]),
+            folded,
         ]
         found = np.stack(columns, axis=1)
         if self.considered is not None:
@@ -199,11 +211,11 @@ class _Clusters:
         by_chance = 3 * self._noise**2 / size  # what noise in three channels adds to the square, in the mean
         return np.asarray(np.sqrt(np.maximum(step**2 - by_chance, 0.0)))
 
-    def _inwards(self, i: Indices, j: Indices) -> Array:
-        """(K,) shares of the borders' edges that fold inwards."""
+    def _shares(self, i: Indices, j: Indices) -> Array:
+        """(2, K) shares of the borders' edges that fold inwards, and across which a sheet does."""
         keys = zip(np.minimum(i, j).tolist(), np.maximum(i, j).tolist(), strict=True)
-        inwards, edges = np.array([self._edges.get(key, (0.0, 0.0)) for key in keys]).reshape(-1, 2).T
-        return np.asarray(inwards / (edges + _FEWEST_EDGES))
+        inwards, folded, edges = np.array([self._edges.get(key, _NO_EDGES) for key in keys]).reshape(-1, 3).T
+        return np.asarray(np.stack([inwards, folded]) / (edges + _FEWEST_EDGES))
 
     def merge(self, i: int, j: int) -> int:
         """The cluster that takes the place of two."""
@@ -214,12 +226,9 @@ class _Clusters:
         self._colour[parent] = shades / self._weight[parent]
         self.touching[parent] = (self.touching.pop(i) | self.touching.pop(j)) - {i, j}
         for k in self.touching[parent]:
-            inwards, edges = 0.0, 0.0
-            for child in (i, j):
-                self.touching[k].discard(child)
-                more, count = self._edges.pop((min(child, k), max(child, k)), (0.0, 0.0))
-                inwards, edges = inwards + more, edges + count
-            self._edges[k, parent] = inwards, edges
+            self.touching[k] -= {i, j}
+            borders = [self._edges.pop((min(child, k), max(child, k)), _NO_EDGES) for child in (i, j)]
+            self._edges[k, parent] = borders[0] + borders[1]
             self.touching[k].add(parent)
         return parent
 
@@ -263,12 +272,13 @@ def build_hierarchy(
         colours: (V, 3) 0..1.
         graph: of the surface.
         costs: what keeps clusters apart.
-        considered: takes (K, 2) pairs that might be merged and (K, 6) terms of their log odds, see
+        considered: takes (K, 2) pairs that might be merged and (K, 7) terms of their log odds, see
             `MergeCosts.weights`; then nothing is compiled.
     """
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
-    pairs, borders = _touching(solid, leaves, n_leaves), _borders(graph, point_leaves, n_leaves)
+    pairs = _touching(solid, leaves, n_leaves)
+    borders = _borders(graph, sheet_folds(solid, graph), point_leaves, n_leaves)
     pairs = np.concatenate([pairs, _bridges(solid, leaves, pairs, costs.least)])
     clusters.considered = considered
     compiled = COMPILED and n_leaves <= _MOST_COMPILED and considered is None
@@ -303,22 +313,23 @@ def _bridges(solid: Solid, leaves: Indices, pairs: Indices, least: float) -> Ind
     return np.sort(np.stack([leaves[own[first]], leaves[others[nearest[first]]]], axis=1), axis=1)
 
 
-def _borders(graph: SurfaceGraph, point_leaves: Indices, count: int) -> tuple[Indices, Array, Array]:
-    """(B, 2) leaves with edges of the surface between them, (B,) how many of these fold inwards, and (B,) all."""
+def _borders(graph: SurfaceGraph, folded: Mask, point_leaves: Indices, count: int) -> tuple[Indices, Array]:
+    """(B, 2) leaves with edges of the surface between them; (B, 3) how many fold inwards, are `folded`, and all."""
     i, j = point_leaves[graph.edges].T
     across = i != j
     border = np.minimum(i, j)[across] * count + np.maximum(i, j)[across]
     present, which = np.unique(border, return_inverse=True)
-    inwards, edges = np.bincount(which, graph.creases[across] > _INWARDS), np.bincount(which).astype(np.float64)
-    return np.stack(np.divmod(present, count), axis=1), inwards.astype(np.float64), edges
+    counts = [np.bincount(which, graph.creases[across] > INWARDS), np.bincount(which, folded[across])]
+    columns = np.column_stack([*counts, np.bincount(which)]).astype(np.float64)
+    return np.stack(np.divmod(present, count), axis=1), columns
 
 
-def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
+def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array]) -> list[Merge]:
     """The cheapest pair that is left, again and again; arguments as of `_touching` and `_borders`."""
     for i, j in pairs.tolist():
         clusters.meet(i, j)
-    for (i, j), *edges in zip(borders[0].tolist(), *(each.tolist() for each in borders[1:]), strict=True):
-        clusters.add_border(i, j, *edges)
+    for (i, j), counts in zip(borders[0].tolist(), borders[1], strict=True):
+        clusters.add_border(i, j, counts)
     queue: list[tuple[float, int, int]] = []
 
     def consider(pairs: list[tuple[int, int]]) -> None:

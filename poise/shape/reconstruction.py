@@ -19,8 +19,8 @@ from poise.shape.surface_graph import unit_normals
 from poise.shape.thinning import evened, thin
 from poise.types import Array, Indices, Mask
 
-_CLOUD = 12_000
-"""Points that are fitted, at the most."""
+_CLOUD, _MOST_POINTS = 12_000, 100_000
+"""Points that are fitted, and points that are looked at, at the most."""
 _THICK = 0.15
 """Noise over spacing from which on a cloud is a layer: points are picked at random, and averaged."""
 _REACH = 2.5
@@ -120,14 +120,24 @@ def reconstruct(
     Raises:
         InputError: as `carve`.
     """
-    first = np.sort(unique_rows(points)[0])
-    if len(first) == len(points):
+    rows = _distinct(points)
+    if len(rows) == len(points):
         return _reconstructed(points, wanted, noise, normals, seen, doubt, air)
-    # A point that stands twice is no denser surface, and has nothing behind it.
-    normals = None if normals is None else normals[first]
-    seen, doubt = None if seen is None else seen[first], None if doubt is None else doubt[first]
-    made = _reconstructed(points[first], wanted, noise, normals, seen, doubt, air)
-    return replace(made, rows=first[made.rows])
+    normals = None if normals is None else normals[rows]
+    seen, doubt = None if seen is None else seen[rows], None if doubt is None else doubt[rows]
+    made = _reconstructed(points[rows], wanted, noise, normals, seen, doubt, air)
+    return replace(made, rows=rows[made.rows])
+
+
+def _distinct(points: Array) -> Indices:
+    """Rows of points (N, 3), increasing: any `_MOST_POINTS` of a dense cloud, and each place once.
+
+    A point that stands twice is no denser surface, and has nothing behind it.
+    """
+    rows = np.arange(len(points))
+    if len(points) > _MOST_POINTS:
+        rows = np.sort(np.random.default_rng(0).choice(len(points), _MOST_POINTS, replace=False))
+    return rows[np.sort(unique_rows(points[rows])[0])]
 
 
 def _reconstructed(

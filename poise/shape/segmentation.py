@@ -22,6 +22,8 @@ _SHADING = 0.2
 """Share by which lightness may be off where lighting was taken out: normals at edges are means."""
 _PLAIN, _SHARE = 0.12, 0.05
 """Distance of colours (0..1 in three channels) below which they say nothing of materials, and the share that counts."""
+_WALLS = 0.1
+"""`MergeCosts.blur` where colours say nothing: walls of one paint are of one piece, unless a neck says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class SegmentationOptions:
     points: int = 2500
     clusters: int = 120
     noise: float | None = None
-    limit: float = 0.008
+    limit: float = 0.0125
     plain_limit: float = 0.025
     parts: int | None = None
     weights: Weights = field(default_factory=Weights)
@@ -171,19 +173,18 @@ def segment(
     if colours is not None:
         known = np.ones(len(few), bool) if seen is None else seen[made.rows]
         shades, smooth, shading = _paint(colours[made.rows], few, graph, known)
-    features = Features(few / spacing, smooth, graph.normals, shading)
+    plain = _contrast(smooth, shading) <= _PLAIN  # then noise of the paint is no border between clusters
+    features = Features(few / spacing, smooth * (not plain), graph.normals, shading)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     leaves, point_leaves = _leaves(made.carved, clusters)
-    plain = _contrast(features.colours, shading) <= _PLAIN
     costs = _costs(options, shading, plain)
     hierarchy = build_hierarchy(made.carved, leaves, point_leaves, shades, graph, costs)
     limit = options.plain_limit if plain else options.limit
     steps = hierarchy.steps_below(limit) if options.parts is None else hierarchy.steps_to(options.parts)
     parts = hierarchy.labels(steps)
-    every = len(few) == len(points)
-    nearest = np.arange(len(few)) if every else cKDTree(points[made.rows]).query(points)[1]
+    own = np.arange(len(few)) if len(few) == len(points) else nearest(points[made.rows], points, 1)[1][:, 0]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
-    labels, solid = parts[point_leaves][nearest], guarded(made, parts[leaves])
+    labels, solid = parts[point_leaves][own], guarded(made, parts[leaves])
     notes += wide_gap(solid)
     hollow = None if seen is None else hollow_of(solid, points, seen)
     if hollow is not None and hollow.matters(solid):
@@ -208,7 +209,7 @@ def _costs(options: SegmentationOptions, shading: float, plain: bool) -> MergeCo
     There what has one colour likely is one piece, among others of other colours too.
     """
     if plain:
-        return replace(options.costs, shading=shading, colour=0.0)
+        return replace(options.costs, shading=shading, colour=0.0, blur=max(options.costs.blur, _WALLS))
     one_colour = options.limit / options.plain_limit if shading else options.costs.one_colour
     return replace(options.costs, shading=shading, one_colour=one_colour)
 

@@ -9,6 +9,8 @@ from poise.geometry import cross, lengths, unique_rows
 from poise.shape.solid import Solid
 from poise.types import Array, Indices, Mask
 
+INWARDS = 0.15
+"""Fold of an edge from which on it counts as folded inwards: 32 degrees."""
 _SLIT = 1.35
 """Fold inwards above which sides face each other across a slit, as in a bubble of the noise, and no two parts meet."""
 

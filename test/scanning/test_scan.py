@@ -126,6 +126,16 @@ def test_air_that_views_look_through_is_known_also_from_the_file(tmp_path):
     assert volumes[0] < 0.998 * volumes[1]
 
 
+def test_a_file_has_the_parts_of_its_scan(tmp_path):
+    """Colours rounded to those of a file moved the borders of clusters: a mug had 6 parts, and its file 4."""
+    found, path = brick(), tmp_path / "brick.ply"
+    path.write_bytes(scan_ply(found))
+    cloud = read_cloud(path)
+    np.testing.assert_array_equal(cloud.colours, found.colours)
+    known = partial(segment, normals=cloud.normals, seen=cloud.seen, doubt=cloud.doubt, air=cloud.air)
+    np.testing.assert_array_equal(known(cloud.points, cloud.colours).labels, found.segmented().labels)
+
+
 def test_the_same_views_give_the_same_cloud():
     one, two = brick(), scan(brick_views())
     np.testing.assert_array_equal(one.points, two.points)

@@ -214,6 +214,8 @@ def test_places_of_pixels_without_depth_are_left_out(tmp_path: Path) -> None:
         cloud = check_cloud(np.concatenate([points, np.full((30, 3), value)]))
         np.testing.assert_array_equal(cloud.rows, np.arange(100))
         assert "30 of 130 points" in cloud.notes[0]
+    planes = check_cloud(np.round(points, 1))  # many have one x, and none has one place
+    assert len(planes.points) == 100
     thrice = check_cloud(np.repeat(0.1 * points, 12, axis=0))
     assert len(thrice.points) == 1200
     assert not thrice.notes

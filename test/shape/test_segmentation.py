@@ -11,6 +11,7 @@ import shape_samples as samples
 import poise
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
+from poise.shape import reconstruction
 from poise.shape.clustering import smooth_colours
 from poise.shape.metrics import global_consistency_error, undersegmentation_error
 from poise.shape.reconstruction import reconstruct
@@ -72,6 +73,15 @@ def test_parts_know_their_colours() -> None:
             np.testing.assert_allclose(found.part_colours[part], colours[truth == own[0]][0])
 
 
+def test_the_encoding_of_one_paint_changes_nothing() -> None:
+    rng = np.random.default_rng(6)
+    points, _, _ = samples.mallet(rng, 800)
+    colours = np.clip([0.6, 0.4, 0.2] + 0.02 * rng.normal(size=points.shape), 0, 1)
+    first = segment(points, colours)
+    for other in (np.round(16 * colours) / 16, colours[::-1]):
+        np.testing.assert_array_equal(segment(points, other).labels, first.labels)
+
+
 def test_the_same_cloud_gives_the_same_labels() -> None:
     points, colours, _ = samples.mallet(np.random.default_rng(2), 500)
     first, second = segment(points, colours), segment(points.copy(), colours.copy())
@@ -83,6 +93,19 @@ def test_a_dense_cloud_is_thinned_and_all_its_points_are_labelled() -> None:
     found = segment(points, colours)
     assert len(found.labels) == len(points)
     assert len(found.solid.vertices) <= 2500
+    assert undersegmentation_error(found.labels, truth) < 0.03
+
+
+def test_of_very_many_points_some_are_looked_at_and_all_are_labelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sorting two million of them took half a minute."""
+    points, colours, truth = samples.mallet(np.random.default_rng(3), 120_000)
+    points = points + 3e-4 * np.random.default_rng(4).normal(size=points.shape)
+    looked: list[int] = []
+    monkeypatch.setattr(reconstruction, "thin", lambda some, wanted: (looked.append(len(some)), thin(some, wanted))[1])
+    found = segment(points, colours)
+    assert max(looked) == 100_000
+    assert found.noise == pytest.approx(3e-4, rel=0.25)
+    assert found.volume == pytest.approx(segment(points[::10], colours[::10]).volume, rel=0.01)
     assert undersegmentation_error(found.labels, truth) < 0.03
 
 
