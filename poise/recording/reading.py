@@ -333,7 +333,7 @@ class Recording:
             return stream
         chosen = np.array([topic.name == name for topic in self._topics])
         times = [block.messages["log_time"][chosen[numbers]] for block, numbers in self._blocks]
-        logged = np.sort(np.concatenate(times).astype(np.int64))
+        logged = np.sort(np.concatenate(times).astype(np.int64), kind="stable")  # nearly sorted
         if stream.stamps.any():
             steps = timeline.clock_steps(stream.stamps, logged) if len(logged) == len(stream) else []
             if not steps:

@@ -21,6 +21,7 @@ from poise.mismatch.inference.linearised import (
     Linearised,
     acting_parameters,
     columns_of,
+    continuous_parameters,
     linearised,
 )
 from poise.mismatch.inference.problem import FittedEffect, Problem
@@ -161,7 +162,8 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
         parts: as fitted.
         effect: of one of them.
     """
-    values = next(part.values for part in parts if part.effect is effect)
+    own = next(part for part in parts if part.effect is effect)
+    values = own.values
     if effect.delay:
         # Beside a filter the clock may be early, beside an offset of the clock it may not.
         least = _CLOCK_MARGIN * problem.model.tolerance.clock_offset * (1.0 if effect.widens == "clock" else 2.0)
@@ -179,11 +181,11 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
     known = {part.effect.name for part in rest}
     likelier = [each for name in effect.commoner if name not in known and (each := effect_named(name)) is not None]
     instead = [FittedEffect(each, {}).carried(problem.recorded) for each in likelier]
-    whole, less, without = (linearised(problem, tuple(kept), None) for kept in (parts, [*rest, *instead], rest))
-    squares = [about.regression(PRIOR_SCALES[-1]).square for about in (whole, less)]
+    about = (linearised(problem, tuple(kept), None) for kept in (parts, [*rest, *instead]))
+    here, without = (each.regression(PRIOR_SCALES[-1]).square for each in about)
     # Of chi square with half as many degrees of freedom.
-    freedom = len(whole.columns) - len(without.columns)
-    return bool(squares[1] - squares[0] > 2.0 * gammainccinv((freedom + 1) / 4, _CHANCE))
+    freedom = len(continuous_parameters(own, problem.recorded))
+    return bool(without - here > 2.0 * gammainccinv((freedom + 1) / 4, _CHANCE))
 
 
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
