@@ -42,12 +42,13 @@ def reversal_columns(track: EffortTrack) -> Array:
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
         ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
-        own = _own_law(track, joint)
-        if len(ramps) < 2 and not len(own):
+        creeps = bool(np.quantile(np.abs(velocity), 0.9) < _CREEPS * COULOMB_TRANSITION)
+        own = _own_law(track, joint) if creeps else []
+        if len(ramps) < 2 and not own:
             continue
         common = np.tanh(velocity / ramps[-1])
         beside = np.column_stack([turned, velocity, acceleration, track.rigid[:, joint], common])
-        if len(own) and np.quantile(np.abs(velocity), 0.9) < _CREEPS * COULOMB_TRANSITION:
+        if own:
             # Beside such a motion every reversal is smooth: errors of the weight alone count.
             beside = np.column_stack([np.ones_like(velocity), track.rigid[:, joint]])
         soft = [soft_ramp(velocity, acceleration, lead, ramp) for lead in _LEADS for ramp in ramps]
