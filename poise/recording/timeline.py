@@ -69,9 +69,9 @@ def clock_steps(stamps: npt.NDArray[np.int64], logged: npt.NDArray[np.int64]) ->
         (index of the first message after a step, ns by which the clock was set), in time.
     """
     steps, log_steps = np.diff(stamps), np.diff(logged)
-    if len(steps) < 2 * _FEWEST or np.ptp(logged) <= 0:
+    if np.count_nonzero(steps) < 2 * _FEWEST or np.ptp(logged) <= 0:
         return []
-    period = float(np.median(steps))
+    period = float(np.median(steps[steps > 0]))  # some drivers repeat their stamps
     holes = np.flatnonzero(steps > MAX_LATENESS + period)
     behind, found = stamps - logged, []
     for i in holes[np.argsort(-steps[holes], kind="stable")][:_MOST_HOLES].tolist():

@@ -47,7 +47,10 @@ def test_two_steps_are_taken_back() -> None:
     assert np.abs(np.diff(on_one_clock(stamps, logged, steps) - true)).max() < 1_000_000
 
 
-@pytest.mark.parametrize("case", ["lost", "stalled", "bursts", "slow simulation", "fast simulation", "log at stamps"])
+_CASES = ["lost", "stalled", "bursts", "slow simulation", "fast simulation", "repeated stamps", "log at stamps"]
+
+
+@pytest.mark.parametrize("case", _CASES)
 def test_holes_that_no_clock_made_stay(case: str) -> None:
     stamps, logged = written(2e6, 2)
     if case == "lost":
@@ -64,6 +67,7 @@ def test_holes_that_no_clock_made_stay(case: str) -> None:
         stamps, logged = (np.delete(times, slice(1500, 1625)) for times in (stamps, logged))
     else:
         stamps = np.delete(stamps, slice(1500, 1625))
+        stamps = np.repeat(stamps, 3) if case == "repeated stamps" else stamps
         logged = stamps
     assert clock_steps(stamps, logged) == []
 
