@@ -3,8 +3,8 @@
 python -m benchmarks.merge_odds [--objects N] [--boxes N]
 
 Each pair of clusters that might be merged is asked whether most of their points are of two true parts. A pair counts as
-much as the share of the surface that would be in the wrong part. All objects are development objects. The weight of
-folds of sheets is left out: random objects have too few of them.
+much as the share of the surface that would be in the wrong part. All objects are development objects. Folds of
+sheets do not count: random objects have too few of them.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from poise.errors import InputError
 from poise.shape import segmentation
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.nearest import nearest
+from poise.shape.segmentation import SegmentationOptions
 from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
 from poise.types import Array, Indices, Mask
@@ -91,7 +92,7 @@ def pairs_of(points: Array, colours: Array | None, labels: Indices, owner: int) 
         return found
 
     with patch.object(segmentation, "build_hierarchy", recorded):
-        segmentation.segment(points, colours)
+        segmentation.segment(points, colours, SegmentationOptions(costs=MergeCosts(fold=0.0)))
     return kept[0]
 
 
@@ -108,7 +109,7 @@ def _judged(counts: Array, pairs: Indices, terms: Array, owner: int, plain: bool
     """Pairs of clusters that have points; where colours say nothing (`plain`), they are no term."""
     left, right = counts[pairs[:, 0]], counts[pairs[:, 1]]
     full = (left.sum(axis=1) > 0) & (right.sum(axis=1) > 0)
-    left, right, rows = left[full], right[full], np.insert(terms[full, : len(NAMES) - 1], 0, 1.0, axis=1)
+    left, right, rows = left[full], right[full], np.insert(terms[full], 0, 1.0, axis=1)
     rows[:, NAMES.index("colour")] *= not plain
     total = counts[counts.sum(axis=1).argmax()].sum()
     weights = np.minimum(left.max(axis=1), right.max(axis=1)) / total
@@ -157,7 +158,7 @@ def main() -> None:
                 found.append(pairs_of(points, given, labels, number // 2))
     pairs, costs = Pairs.of_all(found), MergeCosts()
     weights, errors = fitted(pairs)
-    used = np.array([costs.constant, *costs.weights[: len(NAMES) - 1]])
+    used = np.array([costs.constant, *costs.weights])
     table = Table("term", "weight in the code", "fitted", "standard error, by objects")
     for name, *row in zip(NAMES, used, weights, errors, strict=True):
         table.add_row(name, *(f"{value:.2f}" for value in row))

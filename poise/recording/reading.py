@@ -329,21 +329,18 @@ class Recording:
         Headers without stamps, as some simulators write them, get the log times. Where the clock was set forward during
         the recording, which the log times show, the other stamps are moved to the clock that is nearest to the log.
         """
-        if len(stream) < 2:
+        if len(stream) < 2 or (stream.stamps.any() and not len(timeline.holes(stream.stamps))):
             return stream
-        chosen = np.array([topic.name == name for topic in self._topics])
-        times = [block.messages["log_time"][chosen[numbers]] for block, numbers in self._blocks]
-        logged = np.sort(np.concatenate(times).astype(np.int64), kind="stable")  # nearly sorted
+        logged = self._log_times(name)
         if stream.stamps.any():
             steps = timeline.clock_steps(stream.stamps, logged) if len(logged) == len(stream) else []
-            if not steps:
-                return stream
-            places = ", ".join(
-                f"{jump * 1e-9:.3f} s after {(stream.stamps[first - 1] - stream.stamps[0]) * 1e-9:.2f} s"
-                for first, jump in steps
-            )
-            self.clocks[name] = f"the clock of {name} was set forward by {places}, as the log times show: taken back"
-            return replace(stream, stamps=timeline.on_one_clock(stream.stamps, logged, steps))
+            if steps:
+                since = (stream.stamps - stream.stamps[0]) * 1e-9
+                places = ", ".join(f"{jump * 1e-9:.3f} s after {since[first - 1]:.2f} s" for first, jump in steps)
+                self.clocks[name] = (
+                    f"the clock of {name} was set forward by {places}, as the log times show: taken back"
+                )
+            return replace(stream, stamps=timeline.on_one_clock(stream.stamps, logged, steps)) if steps else stream
         if len(logged) != len(stream) or logged[0] == logged[-1]:
             raise InputError(
                 ErrorCode.TIME_BACKWARDS,
@@ -352,6 +349,12 @@ class Recording:
             )
         self.clocks[name] = f"the headers of {name} have no stamps: the times of the bag are used"
         return replace(stream, stamps=logged)
+
+    def _log_times(self, name: str) -> npt.NDArray[np.int64]:
+        """(N,) ns, ascending, of the messages of a topic."""
+        chosen = np.array([topic.name == name for topic in self._topics])
+        times = [block.messages["log_time"][chosen[numbers]] for block, numbers in self._blocks]
+        return np.sort(np.concatenate(times).astype(np.int64), kind="stable")  # nearly sorted
 
     def _note_late(self, topic: str, count: int) -> None:
         self.reordered[topic] = count

@@ -58,6 +58,20 @@ def in_time_order(stamps: npt.NDArray[np.int64], topic: str) -> tuple[npt.NDArra
     return order, int(late.sum())
 
 
+def holes(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
+    """The messages after which ascending stamps (N,), ns, lack others, the longest holes first."""
+    steps = np.diff(stamps)
+    if not steps.any():
+        return np.zeros(0, dtype=np.intp)
+    long = np.flatnonzero(steps > MAX_LATENESS + _period(steps))
+    return long[np.argsort(-steps[long], kind="stable")][:_MOST_HOLES]
+
+
+def _period(steps: npt.NDArray[np.int64]) -> float:
+    """ns between stamps; some drivers repeat theirs."""
+    return float(np.median(steps[steps > 0]))
+
+
 def clock_steps(stamps: npt.NDArray[np.int64], logged: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
     """Where a clock was set forward during a recording: the stamps have a hole that the log times lack.
 
@@ -71,10 +85,8 @@ def clock_steps(stamps: npt.NDArray[np.int64], logged: npt.NDArray[np.int64]) ->
     steps, log_steps = np.diff(stamps), np.diff(logged)
     if np.count_nonzero(steps) < 2 * _FEWEST or np.ptp(logged) <= 0:
         return []
-    period = float(np.median(steps[steps > 0]))  # some drivers repeat their stamps
-    holes = np.flatnonzero(steps > MAX_LATENESS + period)
-    behind, found = stamps - logged, []
-    for i in holes[np.argsort(-steps[holes], kind="stable")][:_MOST_HOLES].tolist():
+    period, behind, found = _period(steps), stamps - logged, []
+    for i in holes(stamps).tolist():
         before, after = behind[max(i + 1 - _AROUND, 0) : i + 1], behind[i + 1 : i + 1 + _AROUND]
         if min(len(before), len(after)) < _FEWEST:
             continue

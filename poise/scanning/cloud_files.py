@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.scanning.scan import Scan
+from poise.scanning.scan import Scan, levels_of
 from poise.shape import HIDDEN_OFF
 
 _ATTRIBUTES = (
@@ -19,7 +19,7 @@ def scan_ply(found: Scan) -> bytes:
     """
     rows = np.zeros(len(found.points), [(name, _TYPES[kind]) for kind, name in _ATTRIBUTES])
     shades = np.full_like(found.points, 0.7) if found.colours is None else found.colours
-    columns = [*found.points.T, *found.normals.T, *np.round(255 * np.clip(shades, 0, 1)).T, found.seen]
+    columns = [*found.points.T, *found.normals.T, *levels_of(shades).T, found.seen]
     columns.append(np.where(found.seen, 0.0, HIDDEN_OFF) if found.doubt is None else found.doubt)
     for (_, name), column in zip(_ATTRIBUTES, columns, strict=True):
         rows[name] = column

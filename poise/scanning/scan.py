@@ -310,7 +310,12 @@ def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Arr
 
 def _stored(colours: Array | None) -> Array | None:
     """Colours (N, 3) 0..1 in the steps of a file: clusters are so sensitive that else its parts would be others."""
-    return None if colours is None else np.round(_LEVELS * np.clip(colours, 0, 1)) / _LEVELS
+    return None if colours is None else levels_of(colours) / _LEVELS
+
+
+def levels_of(colours: Array) -> Array:
+    """(N, 3) whole numbers up to 255 of colours 0..1, as a file has them."""
+    return np.asarray(np.round(_LEVELS * np.clip(colours, 0, 1)))
 
 
 def _joined(surface: Surface, hidden: Completed) -> Surface:

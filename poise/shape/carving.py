@@ -20,7 +20,7 @@ from poise.kernels import COMPILED, tetrahedra_of, ways_in
 from poise.shape.gaps import is_cavity
 from poise.shape.missing import bare_share
 from poise.shape.pockets import Entrances, depths_below, pockets
-from poise.shape.solid import FACES, Solid, tetrahedron_volumes
+from poise.shape.solid import FACES, Solid, circumspheres, tetrahedron_volumes
 from poise.shape.spacing import Spacing, spacing_of
 from poise.types import Array, Indices, Mask
 
@@ -203,7 +203,7 @@ def _reach(points: Array, coarse: Array, tetrahedra: Indices, neighbours: Indice
     corners, count = points[tetrahedra], len(tetrahedra)
     inner, face = np.nonzero(np.arange(count)[:, None] < np.where(neighbours < 0, count, neighbours))
     outer = neighbours[inner, face]
-    own = _circumradius_of_tetrahedra(corners) / coarse[tetrahedra].mean(axis=1)
+    own = circumspheres(corners)[1] / coarse[tetrahedra].mean(axis=1)
     facets = tetrahedra[inner[:, None], FACES[face]]
     gates = _circumradius_of_triangles(points[facets]) / coarse[facets].mean(axis=1)
     width = np.minimum(np.minimum(gates, own[inner]), np.where(outer < 0, np.inf, own[outer]))
@@ -240,16 +240,3 @@ def _circumradius_of_triangles(corners: Array) -> Array:
     a, b, c = (lengths(corners[:, i] - corners[:, j]) for i, j in ((1, 2), (0, 2), (0, 1)))
     doubled_area = lengths(cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     return np.asarray(a * b * c / np.maximum(2 * doubled_area, _TINY))
-
-
-def _circumradius_of_tetrahedra(corners: Array) -> Array:
-    """(T,) m, of tetrahedra (T, 4, 3); flat ones count as huge."""
-    edges = corners[:, 1:] - corners[:, :1]
-    squares = np.einsum("tij,tij->ti", edges, edges)
-    normal = (
-        squares[:, :1] * cross(edges[:, 1], edges[:, 2])
-        + squares[:, 1:2] * cross(edges[:, 2], edges[:, 0])
-        + squares[:, 2:] * cross(edges[:, 0], edges[:, 1])
-    )
-    six_volumes = np.einsum("ij,ij->i", edges[:, 0], cross(edges[:, 1], edges[:, 2]))
-    return np.asarray(lengths(normal) / np.maximum(2 * np.abs(six_volumes), _TINY))

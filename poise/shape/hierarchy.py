@@ -34,7 +34,6 @@ _SMALLEST, _FLATTEST = 1e-6, 1e-24
 """Shares of the object's volume, and squares of volumes of ellipsoids, below which they are rounding errors."""
 _MOST_COMPILED = 1000
 """Leaves whose pairs have a table each."""
-_NO_EDGES = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -77,9 +76,8 @@ class MergeCosts:
 
     @property
     def weights(self) -> Array:
-        """(7,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both, fold."""
-        known = self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both, self.fold
-        return np.array(known)
+        """(6,) of the terms of the log odds: concave, colour, spread, thickness, smaller, both."""
+        return np.array([self.concave, self.colour, self.spread, self.thickness, self.smaller, self.both])
 
 
 @dataclass(frozen=True)
@@ -153,24 +151,22 @@ class _Clusters:
         self._weight[:count] = np.maximum(sizes, 1) / len(point_leaves)
         self.touching: dict[int, set[int]] = {leaf: set() for leaf in range(count)}
         self.next = count
-        self._edges: dict[tuple[int, int], Array] = {}  # (3,) folded inwards, of folded sheets, and all, of each border
+        self._edges: dict[tuple[int, int], tuple[float, float]] = {}  # folded inwards, and all, along each border
 
     def meet(self, i: int, j: int) -> None:
         self.touching[i].add(j)
         self.touching[j].add(i)
 
-    def add_border(self, i: int, j: int, counts: Array) -> None:
-        self._edges[i, j] = counts
+    def add_border(self, i: int, j: int, inwards: float, edges: float) -> None:
+        self._edges[i, j] = inwards, edges
 
-    def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array]) -> list[Merge]:
-        """As `_merge_all`. Edges of folds count as a number of edges that fold inwards, which may be negative."""
-        ends, (inwards, folded, edges) = borders[0], borders[1].T
-        inwards = inwards + self.costs.fold / self.costs.concave * folded
+    def merged_compiled(self, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
+        """As `_merge_all`."""
         known: dict[str, Array] = {"volume": self._volume, "area": self._area, "weight": self._weight}
         known |= {"shade": self._colour, "moment": self._moment}
         numbers = {"noise": self._noise, "alike": _ONE_COLOUR, "haste": _HASTE, "few": _FEWEST_EDGES}
         numbers |= {"thickest": _THICKEST, "smallest": _SMALLEST, "flattest": _FLATTEST, **vars(self.costs)}
-        rows, costs = merged_clusters(pairs, (ends, inwards, edges), known, numbers)
+        rows, costs = merged_clusters(pairs, borders, known, numbers)
         steps = zip(rows.tolist(), costs.tolist(), strict=True)
         return [Merge(i, j, self.next + step, cost) for step, ((i, j), cost) in enumerate(steps)]
 
@@ -184,20 +180,18 @@ class _Clusters:
         return np.asarray(haste * np.minimum(self._weight[i], self._weight[j]) * np.logaddexp(0.0, odds))
 
     def terms(self, i: Indices, j: Indices) -> Array:
-        """(K, 7) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
+        """(K, 6) terms of the log odds that i and j (K,) are of two parts; see `MergeCosts.weights`."""
         joined = _extents(self._moment[i] + self._moment[j])
         grown = np.log(joined / (_extents(self._moment[i]) + _extents(self._moment[j])))
         thick = self._volume[i] * self._area[j] / (self._volume[j] * self._area[i])
         smaller = np.maximum(np.minimum(self._volume[i], self._volume[j]), _SMALLEST)
-        inwards, folded = self._shares(i, j)
         columns = [
-            inwards,
+            self._inwards(i, j),
             self._steps(i, j),
             grown,
             np.minimum(np.abs(np.log(thick)), _THICKEST),
             np.log(smaller),
             np.log(self._volume[i] + self._volume[j]),
-            folded,
         ]
         found = np.stack(columns, axis=1)
         if self.considered is not None:
@@ -211,11 +205,11 @@ class _Clusters:
         by_chance = 3 * self._noise**2 / size  # what noise in three channels adds to the square, in the mean
         return np.asarray(np.sqrt(np.maximum(step**2 - by_chance, 0.0)))
 
-    def _shares(self, i: Indices, j: Indices) -> Array:
-        """(2, K) shares of the borders' edges that fold inwards, and across which a sheet does."""
+    def _inwards(self, i: Indices, j: Indices) -> Array:
+        """(K,) shares of the borders' edges that fold inwards."""
         keys = zip(np.minimum(i, j).tolist(), np.maximum(i, j).tolist(), strict=True)
-        inwards, folded, edges = np.array([self._edges.get(key, _NO_EDGES) for key in keys]).reshape(-1, 3).T
-        return np.asarray(np.stack([inwards, folded]) / (edges + _FEWEST_EDGES))
+        inwards, edges = np.array([self._edges.get(key, (0.0, 0.0)) for key in keys]).reshape(-1, 2).T
+        return np.asarray(inwards / (edges + _FEWEST_EDGES))
 
     def merge(self, i: int, j: int) -> int:
         """The cluster that takes the place of two."""
@@ -226,9 +220,12 @@ class _Clusters:
         self._colour[parent] = shades / self._weight[parent]
         self.touching[parent] = (self.touching.pop(i) | self.touching.pop(j)) - {i, j}
         for k in self.touching[parent]:
-            self.touching[k] -= {i, j}
-            borders = [self._edges.pop((min(child, k), max(child, k)), _NO_EDGES) for child in (i, j)]
-            self._edges[k, parent] = borders[0] + borders[1]
+            inwards, edges = 0.0, 0.0
+            for child in (i, j):
+                self.touching[k].discard(child)
+                more, count = self._edges.pop((min(child, k), max(child, k)), (0.0, 0.0))
+                inwards, edges = inwards + more, edges + count
+            self._edges[k, parent] = inwards, edges
             self.touching[k].add(parent)
         return parent
 
@@ -272,13 +269,13 @@ def build_hierarchy(
         colours: (V, 3) 0..1.
         graph: of the surface.
         costs: what keeps clusters apart.
-        considered: takes (K, 2) pairs that might be merged and (K, 7) terms of their log odds, see
+        considered: takes (K, 2) pairs that might be merged and (K, 6) terms of their log odds, see
             `MergeCosts.weights`; then nothing is compiled.
     """
     clusters = _Clusters(solid, leaves, point_leaves, colours, colour_noise(colours, graph.edges), costs)
     n_leaves = clusters.next
     pairs = _touching(solid, leaves, n_leaves)
-    borders = _borders(graph, sheet_folds(solid, graph), point_leaves, n_leaves)
+    borders = _borders(graph, sheet_folds(solid, graph), point_leaves, n_leaves, costs)
     pairs = np.concatenate([pairs, _bridges(solid, leaves, pairs, costs.least)])
     clusters.considered = considered
     compiled = COMPILED and n_leaves <= _MOST_COMPILED and considered is None
@@ -313,23 +310,28 @@ def _bridges(solid: Solid, leaves: Indices, pairs: Indices, least: float) -> Ind
     return np.sort(np.stack([leaves[own[first]], leaves[others[nearest[first]]]], axis=1), axis=1)
 
 
-def _borders(graph: SurfaceGraph, folded: Mask, point_leaves: Indices, count: int) -> tuple[Indices, Array]:
-    """(B, 2) leaves with edges of the surface between them; (B, 3) how many fold inwards, are `folded`, and all."""
+def _borders(
+    graph: SurfaceGraph, folded: Mask, point_leaves: Indices, count: int, costs: MergeCosts
+) -> tuple[Indices, Array, Array]:
+    """(B, 2) leaves with edges of the surface between them, (B,) how many of these fold inwards, and (B,) all.
+
+    An edge that is `folded` counts as a number of edges that fold inwards, which may be negative.
+    """
     i, j = point_leaves[graph.edges].T
     across = i != j
     border = np.minimum(i, j)[across] * count + np.maximum(i, j)[across]
     present, which = np.unique(border, return_inverse=True)
-    counts = [np.bincount(which, graph.creases[across] > INWARDS), np.bincount(which, folded[across])]
-    columns = np.column_stack([*counts, np.bincount(which)]).astype(np.float64)
-    return np.stack(np.divmod(present, count), axis=1), columns
+    inwards = (graph.creases > INWARDS) + costs.fold / costs.concave * folded
+    ends, edges = np.stack(np.divmod(present, count), axis=1), np.bincount(which).astype(np.float64)
+    return ends, np.asarray(np.bincount(which, inwards[across]), dtype=np.float64), edges
 
 
-def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array]) -> list[Merge]:
+def _merge_all(clusters: _Clusters, pairs: Indices, borders: tuple[Indices, Array, Array]) -> list[Merge]:
     """The cheapest pair that is left, again and again; arguments as of `_touching` and `_borders`."""
     for i, j in pairs.tolist():
         clusters.meet(i, j)
-    for (i, j), counts in zip(borders[0].tolist(), borders[1], strict=True):
-        clusters.add_border(i, j, counts)
+    for (i, j), *edges in zip(borders[0].tolist(), *(each.tolist() for each in borders[1:]), strict=True):
+        clusters.add_border(i, j, *edges)
     queue: list[tuple[float, int, int]] = []
 
     def consider(pairs: list[tuple[int, int]]) -> None:

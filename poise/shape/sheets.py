@@ -8,8 +8,8 @@ point is in (Amenta and Bern 1999): circumscribed spheres of Delaunay tetrahedra
 
 import numpy as np
 
-from poise.geometry import cross, lengths
-from poise.shape.solid import Solid
+from poise.geometry import lengths
+from poise.shape.solid import Solid, circumspheres
 from poise.shape.surface_graph import INWARDS, SurfaceGraph
 from poise.types import Array, Indices, Mask
 
@@ -18,7 +18,6 @@ _LEAN = 0.5
 _OPPOSITE, _ALIKE = -0.6, 1.5
 """Cosine between the normals of both faces of a sheet, at the most; and ratio of thicknesses that are the same."""
 _NOWHERE = -1
-_TINY = 1e-30
 
 
 def sheet_folds(carved: Solid, graph: SurfaceGraph) -> Mask:
@@ -50,7 +49,7 @@ def opposite_points(carved: Solid, normals: Array, asked: Mask) -> Indices:
         asked: (V,) of which vertices.
     """
     points, tetrahedra = carved.vertices, carved.tetrahedra[asked[carved.tetrahedra].any(axis=1)]
-    centres, radii = _spheres(points[tetrahedra])
+    centres, radii = circumspheres(points[tetrahedra])
     vertex, owner = tetrahedra.ravel(), np.repeat(np.arange(len(tetrahedra)), 4)
     depth = np.einsum("ij,ij->i", points[vertex] - centres[owner], normals[vertex])
     kept = np.flatnonzero(asked[vertex] & (depth > _LEAN * radii[owner]))
@@ -63,15 +62,3 @@ def opposite_points(carved: Solid, normals: Array, asked: Mask) -> Indices:
     found = np.full(len(points), _NOWHERE)
     found[known] = np.take_along_axis(touched, height.argmin(axis=1)[:, None], axis=1)[:, 0]
     return found
-
-
-def _spheres(corners: Array) -> tuple[Array, Array]:
-    """(T, 3) m, centres, and (T,) m, radii of the spheres through tetrahedra (T, 4, 3); infinite for flat ones."""
-    edges = corners[:, 1:] - corners[:, :1]
-    squares = np.einsum("tij,tij->ti", edges, edges)
-    a, b, c = edges[:, 0], edges[:, 1], edges[:, 2]
-    turned = squares[:, :1] * cross(b, c) + squares[:, 1:2] * cross(c, a) + squares[:, 2:] * cross(a, b)
-    doubled = 2 * np.einsum("ij,ij->i", a, cross(b, c))
-    flat = np.abs(doubled) < _TINY
-    off = turned / np.where(flat, 1.0, doubled)[:, None]
-    return corners[:, 0] + off, np.where(flat, np.inf, lengths(off))

@@ -12,6 +12,7 @@ from poise.geometry import cross, lengths
 from poise.shape.grouping import linked
 from poise.types import Array, Indices, Mask
 
+_TINY = 1e-30
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
@@ -123,3 +124,15 @@ def part_moments(solid: Solid, labels: Indices) -> Array:
         sums = (totals[own] * volumes[own, None]).T @ totals[own]
         moments[part] = (sums + weighted.T @ points[own].reshape(-1, 4)) / 20
     return moments
+
+
+def circumspheres(corners: Array) -> tuple[Array, Array]:
+    """(T, 3) m, centres, and (T,) m, radii of the spheres through tetrahedra (T, 4, 3); infinite for flat ones."""
+    edges = corners[:, 1:] - corners[:, :1]
+    squares = np.einsum("tij,tij->ti", edges, edges)
+    a, b, c = edges[:, 0], edges[:, 1], edges[:, 2]
+    turned = squares[:, :1] * cross(b, c) + squares[:, 1:2] * cross(c, a) + squares[:, 2:] * cross(a, b)
+    doubled = 2 * np.einsum("ij,ij->i", a, cross(b, c))
+    flat = np.abs(doubled) < _TINY
+    off = turned / np.where(flat, 1.0, doubled)[:, None]
+    return corners[:, 0] + off, np.where(flat, np.inf, lengths(off))

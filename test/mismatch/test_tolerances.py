@@ -19,7 +19,7 @@ from poise.mismatch.effects import GAIN_LEVER, effect_named
 from poise.mismatch.effects.part_motion import crept
 from poise.mismatch.inference import FittedEffect, Problem, SignalNoise, fit, linearization_point, payload_steps, refine
 from poise.mismatch.inference.box import box_minimum
-from poise.mismatch.inference.calibration import CALIBRATION_BOUND, effort_calibration, effort_sizes
+from poise.mismatch.inference.calibration import CALIBRATION_BOUND, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.fitting import exceeds_tolerance
 from poise.mismatch.inference.noise import NoiseColour
@@ -213,7 +213,7 @@ def test_efforts_with_all_errors_at_their_edges_are_no_finding_and_larger_ones_a
     groups = [group for group in effort_calibration(recorded, TOLERANCE) if np.isfinite(group.bound)]
     assert {group.name for group in groups} == {"payload", "joints", "gain", "offset", "links", "tilt", "clock"}
     rng = np.random.default_rng(9)
-    sigma = 0.005 * effort_sizes(track)
+    sigma = 0.005 * track.sizes
     noise = SignalNoise(sigma, (NoiseColour(),) * 3, track.seconds, np.zeros(500), np.ones(3), np.ones(3))
     wide = {"effort_offset": "offset", "motor_gain": "gain", "link_parameters": "links"}
     for _ in range(10):

@@ -247,10 +247,13 @@ def _upright(item: RigidObject, up: Array) -> tuple[int, float] | None:
     """Which side of a box, or the axis of a cylinder, is upright, and its length; None for other shapes and poses."""
     along = np.abs(item.pose.rotation.T @ up)
     side = int(np.argmax(along))
-    if isinstance(item.shape, Box) and along[side] > _UPRIGHT:
-        return side, float(item.shape.size[side])
-    lies = side != 2 or along[side] <= _UPRIGHT
-    return None if lies or not isinstance(item.shape, Cylinder) else (side, float(item.shape.length))
+    if isinstance(item.shape, Box):
+        length = item.shape.size[side]
+    elif isinstance(item.shape, Cylinder) and side == 2:
+        length = item.shape.length
+    else:
+        return None
+    return (side, float(length)) if along[side] > _UPRIGHT else None
 
 
 def _as_long(item: RigidObject, side: int, length: float) -> RigidObject:

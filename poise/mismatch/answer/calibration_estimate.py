@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.inference import HypothesisFit, Problem, effort_sizes
+from poise.mismatch.inference import HypothesisFit, Problem
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def _effort_labels(group: str, problem: Problem) -> Iterator[tuple[str, str, flo
     if group == "gain":
         yield from (("motor_gain", f"gain_{name}", at.motor_gain, "") for name in track.names)
     elif group == "offset":
-        sizes = (effort_sizes(track) * at.effort_offset).tolist()
+        sizes = (track.sizes * at.effort_offset).tolist()
         pairs = zip(track.names, sizes, strict=True)
         yield from (("effort_offset", f"offset_{name}", s, track.unit("N m", name)) for name, s in pairs)
     elif group == "joints":

@@ -41,14 +41,14 @@ class ResidualTest:
 
     Args:
         excess: energy of the residual over that of the noise, less one.
-        bursts: s, when something acts shortly that no noise of any family does, where the energy of the whole
-            recording is that of noise.
         channel: the name of the channel, or joint, with a residual where the others have none; "".
         of_channel: its excess; that of all channels where there is none.
         structured: the residual exceeds the noise.
         louder: its fast part grows with the speed.
         depends_on: states that it correlates with, the best first.
         whiteness: largest autocorrelation of the whitened residual at one to twenty samples, any channel.
+        bursts: s, when something acts shortly that no noise of any family does, where the energy of the whole
+            recording is that of noise.
     """
 
     excess: float
@@ -128,8 +128,7 @@ def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) ->
     known = judged[:, None] & (problem.free > 0.0)
     track = problem.recorded.effort
     if problem.signal == "effort" and track is not None:
-        speed = np.abs(track.velocity)
-        known &= speed > _REVERSES * np.quantile(speed, 0.99, axis=0)
+        known &= np.abs(track.velocity) > _REVERSES * track.speeds
     scaled = np.where(known, np.abs(residual) / problem.noise.total, 0.0)
     period = float(np.median(np.diff(seconds)))
     lasting = np.zeros(len(seconds), dtype=bool)

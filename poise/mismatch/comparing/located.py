@@ -99,7 +99,7 @@ def located(this: RecordedMotion, other: RecordedMotion) -> Located:
     channels: list[LocatedChannel] = []
     if less.effort is not None and this.effort is not None:
         track = less.effort
-        readings = np.quantile(np.abs(this.effort.measured), 0.99, axis=0).tolist()
+        readings = this.effort.sizes.tolist()
         for j, name in enumerate(track.names):
             states = _joint_states(track, j)
             channels.append(

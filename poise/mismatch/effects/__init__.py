@@ -22,6 +22,7 @@ from poise.mismatch.effects.joint_friction import (
     like_a_turned_base,
     numbered_joints,
     soft_ramp,
+    stated_sense,
 )
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
@@ -59,6 +60,7 @@ __all__ = [
     "rotation_columns",
     "slow_part",
     "soft_ramp",
+    "stated_sense",
     "tilt_columns",
     "within",
 ]

@@ -69,6 +69,12 @@ def soft_ramp(velocity: Array, acceleration: Array, lead: Array | float, ramp: A
     return np.asarray(np.clip((velocity + lead * acceleration) / ramp, -1.0, 1.0))
 
 
+def stated_sense(velocity: Array, acceleration: Array, lead: Array | float, ramp: Array | float) -> Array:
+    """(M, ...) the sense of friction that a model states: soft along its ramp, sharp where it states none (0)."""
+    soft = soft_ramp(velocity, acceleration, lead, np.maximum(ramp, 1e-9))
+    return np.where(np.greater(ramp, 0.0), soft, np.tanh(velocity / COULOMB_TRANSITION))
+
+
 def presliding_sense(recorded: RecordedMotion, values: Values) -> Array:
     """(M, J) the law of bristles: after a reversal, dry friction approaches its size along the path of the joint.
 
@@ -94,8 +100,7 @@ def bristles_along(track: EffortTrack, distances: Iterable[float]) -> list[Array
 
 def path_of_joints(track: EffortTrack) -> Array:
     """(M - 1, J) rad or m that each joint moves between samples, 0 where it stands still."""
-    usual = np.quantile(np.abs(track.velocity), 0.99, axis=0)
-    return np.where(np.abs(track.velocity[1:]) > _STILL * usual, np.diff(track.position, axis=0), 0.0)
+    return np.where(np.abs(track.velocity[1:]) > _STILL * track.speeds, np.diff(track.position, axis=0), 0.0)
 
 
 def reversal(recorded: RecordedMotion, values: Values) -> Array:

@@ -67,7 +67,7 @@ class LoadDependentFriction(DryFriction):
 
     def _as_coulomb(self, recorded: RecordedMotion, values: Values) -> str:
         # Sizes of joints in N m and N: all are relative to what each joint carries.
-        size = np.maximum(np.quantile(np.abs(efforts(recorded).measured), 0.99, axis=0), 1e-9)
+        size = np.maximum(efforts(recorded).sizes, 1e-9)
         response, sense = self.simulate(recorded, values) / size, reversal(recorded, values)
         steady = np.sum(response * sense, axis=0) / np.maximum(np.sum(sense**2, axis=0), 1e-9)
         left = float(np.sum((response - steady * sense) ** 2))

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from poise.inertia.model import regressor
+from poise.inertia.model import phi_of_pseudo_inertia, regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import PAYLOAD_REACH
 from poise.mismatch.effects.payload_parameters import FARTHEST_CENTRE
@@ -128,12 +128,12 @@ def _part(phi: Array) -> Array:
 
     For a part at c near c0, m c c' = h c0' + c0 h' - m c0 c0' + m (c - c0) (c - c0)', h = m c.
     """
-    steps = np.eye(10, 4)
+    steps = np.empty((10, 4))
     centre = phi[1:4] / phi[0] if phi[0] > 0.0 else np.zeros(3)
-    for column, moment in enumerate([np.zeros(3), *np.eye(3)]):
-        second = np.outer(moment, centre) + np.outer(centre, moment) - (column == 0) * np.outer(centre, centre)
-        inertia = np.trace(second) * np.eye(3) - second
-        steps[4:, column] = inertia[np.triu_indices(3)]
+    for column, (mass, *moment) in enumerate(np.eye(4)):
+        second = np.outer(moment, centre) + np.outer(centre, moment) - mass * np.outer(centre, centre)
+        first = np.array(moment)[:, None]
+        steps[:, column] = phi_of_pseudo_inertia(np.block([[second, first], [first.T, np.array([[mass]])]]))
     return steps
 
 

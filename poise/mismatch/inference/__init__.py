@@ -1,7 +1,7 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
 from poise.mismatch.inference.added_effect import EffectCandidate, refine
-from poise.mismatch.inference.calibration import effort_sizes, payload_steps
+from poise.mismatch.inference.calibration import payload_steps
 from poise.mismatch.inference.coarse import averaged_efforts
 from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit, linearization_point
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
@@ -50,7 +50,6 @@ __all__ = [
     "beside_stuck_joints",
     "dependence_curve",
     "effort_problem",
-    "effort_sizes",
     "exceeds_tolerance",
     "fit",
     "found_in_efforts",

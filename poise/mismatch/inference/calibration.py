@@ -171,7 +171,7 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
 def _of_efforts(recorded: RecordedMotion, track: EffortTrack, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
     """The groups that do not depend on what is predicted; the payload's first."""
     payload = joint_torques(recorded, payload_columns(recorded, tolerance))
-    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, track.measured.shape)
+    offset = np.broadcast_to(track.sizes * tolerance.effort_offset, track.measured.shape)
     each = np.arange(len(track.names))
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
@@ -213,11 +213,6 @@ def _reversals(track: EffortTrack) -> CalibrationGroup:
     count = len(track.names)
     soft = reversal_columns(track)
     return CalibrationGroup("reversals", soft, np.inf, channel=np.arange(count), channels=count, lasting=True)
-
-
-def effort_sizes(track: EffortTrack) -> Array:
-    """(J,) N m or N: a large effort of each joint in the recording."""
-    return np.asarray(np.quantile(np.abs(track.measured), 0.99, axis=0))
 
 
 def _gains(wrench: Array, size: float) -> tuple[CalibrationGroup, CalibrationGroup]:

@@ -8,7 +8,7 @@ vanishes at speed, unlike friction.
 
 import numpy as np
 
-from poise.mismatch.effects import COULOMB_TRANSITION, bristles_along, soft_ramp
+from poise.mismatch.effects import COULOMB_TRANSITION, bristles_along, soft_ramp, stated_sense
 from poise.mismatch.recorded import EffortTrack
 from poise.types import Array, Mask
 
@@ -41,9 +41,9 @@ def reversal_columns(track: EffortTrack) -> Array:
     found, bent = np.zeros_like(residual), bristles_along(track, _DISTANCES.tolist())
     for joint in range(residual.shape[1]):
         velocity, acceleration = track.velocity[:, joint], track.acceleration[:, joint]
-        ramps = _RAMPS[_SLOW * np.quantile(np.abs(velocity), 0.9) > _RAMPS]
-        creeps = bool(np.quantile(np.abs(velocity), 0.9) < _CREEPS * COULOMB_TRANSITION)
-        own = _own_law(track, joint) if creeps else []
+        usual = float(np.quantile(np.abs(velocity), 0.9))
+        ramps = _RAMPS[_SLOW * usual > _RAMPS]
+        own = _own_law(track, joint) if usual < _CREEPS * COULOMB_TRANSITION else []
         if len(ramps) < 2 and not own:
             continue
         common = np.tanh(velocity / ramps[-1])
@@ -66,10 +66,8 @@ def _own_law(track: EffortTrack, joint: int) -> list[Array]:
     """
     if not track.stated or not track.stated[joint].friction:
         return []
-    physics, velocity = track.stated[joint], track.velocity[:, joint]
-    if physics.ramp > 0.0:
-        return [soft_ramp(velocity, track.acceleration[:, joint], physics.lead, physics.ramp)]
-    return [np.tanh(velocity / COULOMB_TRANSITION)]
+    physics = track.stated[joint]
+    return [stated_sense(track.velocity[:, joint], track.acceleration[:, joint], physics.lead, physics.ramp)]
 
 
 def _likeliest(laws: Array, beside: Array, residual: Array, modelled: Mask) -> Array:

@@ -32,7 +32,7 @@ def standing(track: EffortTrack) -> Mask:
     """(M, J) where a joint stands still."""
     span = max(int(_SPAN / track.period), 1)
     speed = np.abs(track.velocity)
-    usual = np.quantile(speed, 0.99, axis=0)
+    usual = track.speeds
     mean = np.abs(uniform_filter1d(track.velocity, span, axis=0, mode="nearest"))
     still = (mean <= _SLOW * usual) & (speed <= _CREEPS * usual)
     # The mean speed of the first and the last samples of a rest is that of the motion beside it.

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.effects import COULOMB_TRANSITION, soft_ramp
+from poise.mismatch.effects import stated_sense
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel, find_urdf, inertia_of, parse_urdf, phi_in_link, phi_of, read_urdf
@@ -91,9 +91,7 @@ def with_stated_physics(recorded: RecordedMotion, model: NominalModel) -> Record
         np.array([getattr(each, what) for each in stated])
         for what in ("friction", "damping", "armature", "stiffness", "rest", "ramp", "lead")
     )
-    soft = soft_ramp(effort.velocity, effort.acceleration, lead, np.maximum(ramp, 1e-9))
-    against = np.where(ramp > 0.0, soft, np.tanh(effort.velocity / COULOMB_TRANSITION))
-    added = friction * against + damping * effort.velocity
+    added = friction * stated_sense(effort.velocity, effort.acceleration, lead, ramp) + damping * effort.velocity
     added += armature * effort.acceleration + stiffness * (effort.position - rest)
     effort = replace(effort, prediction=effort.prediction + added, stated=stated, passive=added)
     return replace(recorded, effort=effort)

@@ -18,6 +18,8 @@ T = TypeVar("T")
 _WORLD = np.eye(3)
 _OF_SLIDES = {"N m": "N", "N m s/rad": "N s/m", "kg m2": "kg", "rad": "m", "mrad": "mm", "rad/s": "m/s"}
 """Units of joints that slide, by those of joints that turn."""
+_USUAL = 0.99
+"""Quantile of efforts and speeds that are usual at work, and no spikes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,16 @@ class EffortTrack:
     def moves(self) -> Mask:
         """(J,) joints that do not stand still."""
         return moving(self.position)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(J,) usual size of the measured efforts."""
+        return np.asarray(np.quantile(np.abs(self.measured), _USUAL, axis=0))
+
+    @cached_property
+    def speeds(self) -> Array:
+        """(J,) rad/s or m/s, usual speed of each joint under way."""
+        return np.asarray(np.quantile(np.abs(self.velocity), _USUAL, axis=0))
 
     @property
     def accelerating(self) -> Array:
