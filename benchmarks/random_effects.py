@@ -1,6 +1,7 @@
 """Diagnoses of the foreign effects on random robots, each with its own axes, mounting, motion, clocks and noise.
 
 python -m benchmarks.random_effects [--first SEED] [--count N] [--keep DIR]; 7000 to 7999 are for development.
+python -m benchmarks.random_effects --known        # those that once had a false name; exits with 1 if one has again
 
 MuJoCo integrates each robot under its controller. In turn of eight: nothing is wrong; one effect of the library at
 strength 1.0 and at 0.3, three times each; one effect outside the library. Errors are at the edges of their tolerances.
@@ -35,6 +36,21 @@ from benchmarks.random_arms import inner, large_efforts, profile_of, random_arm,
 
 TURNS = (("healthy", 0.0), *(("single", 1.0), ("single", 0.3)) * 3, ("outside", 1.0))
 """Kinds and strengths of successive seeds."""
+KNOWN = {
+    7026: "base_motion",  # filtered efforts, which looked like damping; the motion is too weak
+    7027: "base_tilt",  # efforts alone under coloured noise
+    7046: "slosh",  # joint states at 500 Hz that arrive in bursts
+    7227: "cable",  # efforts alone, in which a contact without proof kept it away
+    7269: "backlash",  # shakes other joints more than its own
+    7291: "coulomb_friction",  # whose law of reversal is no other friction
+    7310: "flexible_mode",  # efforts alone
+    7525: "coulomb_friction",  # stick-slip, whose noisy acceleration a spring would smooth
+    7530: "load_dependent_friction",  # reverses along a path, as Coulomb friction did alone
+    9141: "stribeck_friction",  # a tight spot took the place of the Coulomb friction that both contain
+}
+"""Effects of seeds for which false names were corrected."""
+TOO_WEAK = {7026}
+"""Of these, seeds whose effect is not found."""
 _LIMIT = 300
 """s of CPU for one answer."""
 _SLIDES = 0.15
@@ -91,9 +107,11 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=7000, help="seed of the first robot")
     parser.add_argument("--count", type=int, default=24, help="number of robots")
     parser.add_argument("--keep", type=Path, help="folder that keeps recordings, labels and answers")
+    parser.add_argument("--known", action="store_true", help="the robots that once had a false name")
     arguments = parser.parse_args()
+    seeds = list(KNOWN) if arguments.known else range(arguments.first, arguments.first + arguments.count)
     verdicts = []
-    for seed in track(range(arguments.first, arguments.first + arguments.count), description="robots"):
+    for seed in track(seeds, description="robots"):
         with tempfile.TemporaryDirectory() as folder:
             case, made = Path(folder) / "case", random_case(seed, Path(folder))
             made.write(case)
@@ -112,6 +130,8 @@ def main() -> None:
         console.print(f"{row.what}: {row.text()}")
     stated = [pair for verdict in verdicts for pair in verdict.stated]
     console.print(f"expected calibration error: {calibration_error(stated):.2f} of {len(stated)} names")
+    if arguments.known and any(verdict.extra for verdict in verdicts):
+        raise SystemExit(1)
 
 
 if __name__ == "__main__":
