@@ -1,12 +1,19 @@
 """Causes of which the responses are equal: the answer says so, or has the likelier one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip("mujoco")
+
 from effects.effect_worlds import NOISE, recorded
 from field_robots import Recorded, read, urdf
 
+from benchmarks.foreign.case import make_case
+from benchmarks.foreign.plan import Plan
+from benchmarks.foreign.run import answer
 from poise.mismatch.answer import Diagnosis, diagnose, effects_called
 from poise.mismatch.reading import NominalModel
 
@@ -55,3 +62,11 @@ def test_a_gain_beside_another_payload_says_what_all_axes_share() -> None:
     (named,) = _scaled([1.2] + [1.12] * 5).findings
     assert named.effect.name == "sensor_gain"
     assert "% of all axes may be the payload's" in named.sentence
+
+
+def test_a_pull_on_one_axis_is_no_zero_of_its_encoder(tmp_path: Path) -> None:
+    """Zero, tilt, link and a pull have one response, of which the tolerances explain most: none is named."""
+    make_case(Plan((829_157, 25), "single", "one_axis_efforts", ("world_force",), 1.0)).write(tmp_path / "case")
+    said = answer(tmp_path / "case", 300)["answer"]
+    assert said["verdict"] == "unknown"
+    assert all(name in said["unknown"]["sentence"] for name in ("world_force", "joint_offset", "base_tilt"))

@@ -5,6 +5,7 @@ import pytest
 pytest.importorskip("mujoco", reason="the benchmark's engine is an extra: pip install '.[sim]'")
 
 from benchmarks.concealed.case import Plan, make_case
+from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import wrench_problem
 from poise.mismatch.inference.screening import beside
@@ -26,3 +27,15 @@ def test_the_evidence_for_a_moving_part_is_found(name, strength, number, least, 
     reading = read_recording(open_recording(tmp_path / "case.mcap"), load_model(tmp_path / "case.yaml"))
     found = beside(wrench_problem(reading.recorded, reading.model), [], [effect_named(name)], TimeLimit())
     assert found[0].gain > least
+
+
+def test_the_moment_of_a_step_is_the_one_that_explains_most_beside_the_tolerances(tmp_path):
+    """Errors inside the tolerances bias where it is looked for first: 0.4 s late it was a leak of 1.7 s (97 %)."""
+    case = make_case(Plan("single", ("mass_step",), 0.3, False, (935_261, 29)))
+    case.write(tmp_path, "case")
+    reading = read_recording(open_recording(tmp_path / "case.mcap"), load_model(tmp_path / "case.yaml"))
+    (found,) = diagnose(reading.recorded, reading.model).findings
+    assert found.effect.name == "mass_step"
+    truth = case.label.effects[0]["parameters"]
+    assert found.parameters["time"].value == pytest.approx(truth["time"], abs=0.02)
+    assert found.parameters["mass"].value == pytest.approx(truth["mass"], rel=0.1)

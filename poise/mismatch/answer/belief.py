@@ -36,7 +36,7 @@ _AS_LIKELY = 0.1
 cases none had odds above 0.001, of five false ones all had more than 0.4."""
 _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
-WEIGHTS = (-1.6, 1.0, 2.3, -3.85, 1.85)
+WEIGHTS = (-1.6, 1.0, 1.3, -3.85, 1.85)
 """Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`, but with a steeper
 slope: names of low evidence are rare in answers, and likelier where the truth holds nothing (healthy recordings)."""
 MAX_PROBABILITY = 0.995

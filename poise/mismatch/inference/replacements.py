@@ -31,7 +31,7 @@ _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
 _SAME = 0.01
 """Energy of the difference of two responses, relative to theirs, below which they are the same (whitened, without what
-calibration errors explain)."""
+calibration errors explain; where both win as much, relative to all that the effect explains)."""
 _STEPS = 4
 _TRIED = 3
 """Better effects that are tried in the place of one."""
@@ -98,6 +98,8 @@ def _marked(
             apart = each.effect.simulate(recorded, each.values) - response
             # Errors inside the tolerances that explain the difference do not distinguish them either.
             left, whole = np.diag(regression.project(problem.whiten(np.stack([apart, response], axis=2))).information)
+            # Of an effect that exceeds a tolerance, errors inside the tolerances explain most.
+            whole = max(whole, own.drop) if abs(each.gain - own.gain) < EQUAL_EVIDENCE else whole
             equal = bool(left < _SAME * whole)
         if equal:
             same[each.effect.name] = replace(each, same=True)
