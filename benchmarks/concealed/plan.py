@@ -10,7 +10,7 @@ from benchmarks.concealed.case import Plan
 from benchmarks.concealed.changes import DECOYS, EFFORT_EFFECTS, EFFORT_UNKNOWNS, LIBRARY, UNKNOWNS
 from benchmarks.concealed.twins import TWINS
 
-SEEDS = {"development": 4_021, "calibration": 60_313, "regression": 73_939, "effects": 8_401, "final": 935_261}
+SEEDS = {"development": 4_021, "calibration": 60_313, "regression": 73_939, "effects": 8_401, "final": 318_467}
 """First number of every chance. The tool is worked on with `development`, and with `effects` on some of them; its
 probabilities come from `calibration`; versions of it are compared on `regression`; nothing is tuned on `final`, and it
 is not looked at before a release."""
