@@ -117,7 +117,9 @@ def _located_json(found: Located, motion: Mapping[str, Any]) -> dict[str, Any]:
             for each in differing
             for start, end in each.windows
         ],
-        "unknown": {"depends_on": [], "sentence": " ".join(each.sentence for each in differing)} if differing else None,
+        "unknown": {"depends_on": [], "sentence": " ".join(each.sentence for each in differing), "candidates": []}
+        if differing
+        else None,
         "channels": [asdict(each) | {"differs": each.differs} for each in found.channels],
         "alignment": {"share": found.alignment.share, "rate": found.alignment.rate, "notes": list(found.notes)},
         "motion": dict(motion),

@@ -27,7 +27,6 @@ UNEXAMINED = (
 def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
     """The fields of the contract and further ones; seconds count from the first wrench sample."""
     proof, rest = found.main.proof, found.main.residual_test
-    unknown = found.unknown
     return {
         "verdict": found.verdict,
         "effects": [_effect(finding) for finding in found.findings],
@@ -46,7 +45,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         ]
         if found.verdict != "none"
         else [],
-        "unknown": None if unknown is None else {"depends_on": unknown.depends_on, "sentence": unknown.sentence},
+        "unknown": _unknown(found),
         "fit": {
             "noise_floor": proof.floor,
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
@@ -60,6 +59,17 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         "untestable": found.untestable,
         "seconds": found.seconds,
     } | _of_input(readings)
+
+
+def _unknown(found: Diagnosis) -> dict[str, Any] | None:
+    unknown = found.unknown
+    if unknown is None:
+        return None
+    return {
+        "depends_on": unknown.depends_on,
+        "sentence": unknown.sentence,
+        "candidates": [{"name": name, "probability": chance} for name, chance in unknown.candidates],
+    }
 
 
 def _nrmse(found: Diagnosis) -> dict[str, dict[str, float]]:

@@ -26,11 +26,18 @@ _NEGLIGIBLE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class UnknownPhysics:
-    """Physics outside the library: the states that it correlates with, and its curve if there is one."""
+    """What no name explains: physics outside the library, or one of several effects.
+
+    Args:
+        depends_on: states that it correlates with.
+        shape: its curve if there is one.
+        candidates: effects of which one acts, with their probabilities, the likeliest first.
+    """
 
     depends_on: tuple[str, ...]
     sentence: str
     shape: DependenceCurve | None
+    candidates: tuple[tuple[str, float], ...] = ()
 
 
 def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
@@ -48,9 +55,14 @@ def undetermined(problem: Problem, unnamed: Sequence[NamedEffect]) -> list[Named
     ]
 
 
+def _candidates(each: NamedEffect) -> list[tuple[str, float]]:
+    """The probability of an effect, and those of its rivals."""
+    return [(each.effect.name, each.belief.probability), *each.belief.rivals]
+
+
 def _possible(each: NamedEffect) -> float:
     """Probability of an effect and of its rivals together."""
-    return each.belief.probability + sum(chance for _, chance in each.belief.rivals)
+    return sum(chance for _, chance in _candidates(each))
 
 
 def _unknown_as_likely(each: NamedEffect) -> bool:
@@ -60,10 +72,9 @@ def _unknown_as_likely(each: NamedEffect) -> bool:
 
 def likelihoods(effect: NamedEffect) -> str:
     """The probability of an effect and of its likeliest rivals, and what speaks against it."""
-    found = [(effect.effect.name, effect.belief.probability), *effect.belief.rivals[:3]]
     state = effect.belief.varies_with
     doubt = f" ({effect.effect.name} would have to vary with {state.replace('_', ' ')})" if state else ""
-    return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in found) + doubt
+    return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in _candidates(effect)[:4]) + doubt
 
 
 def unknown_physics(
@@ -80,7 +91,8 @@ def unknown_physics(
     if not parts and not rest.structured:
         said = "; ".join(likelihoods(each) for each in unnamed)
         sentence = f"Something acts that this recording does not determine; it may be {said}."
-        return UnknownPhysics((), sentence, None) if unnamed else None
+        candidates = sorted((pair for each in unnamed for pair in _candidates(each)), key=lambda pair: -pair[1])
+        return UnknownPhysics((), sentence, None, tuple(candidates)) if unnamed else None
     depends = list(dict.fromkeys(part.effect.state for part in parts if isinstance(part.effect, Dependence)))
     depends += [state for state in rest.depends_on if state not in depends and not parts]
     first = parts[0] if parts else None
