@@ -54,6 +54,22 @@ def test_noise_that_grows_with_the_speed_grows_in_most_samples(share: float, fac
     assert judge_residual(problem, residual, residual.T).louder == louder
 
 
+@pytest.mark.parametrize(("factor", "louder"), [(1.0, False), (2.0, True)])
+def test_speeds_are_compared_by_the_readings_that_count(factor: float, louder: bool):
+    """One calm reading among the joints at rest made a healthy robot with dry friction `unknown`."""
+    recorded = make_case(3, duration=12.0).recorded()
+    problem, rng = wrench_problem(recorded, NominalModel(phi=recorded.phi)), np.random.default_rng(2)
+    speed = problem.noise.speed
+    rest = speed <= np.quantile(speed, 0.4)
+    calm = np.zeros(len(rest), dtype=bool)
+    calm[np.flatnonzero(rest & np.roll(rest, 8))[20:25]] = True
+    limited = np.broadcast_to((rest & ~calm)[:, None], recorded.wrench.shape)
+    residual = np.where(limited, 0.0, rng.normal(size=recorded.wrench.shape) * problem.noise.sigma)
+    residual[calm] *= 0.3
+    residual[speed > np.quantile(speed[~rest], 0.6)] *= factor
+    assert judge_residual(replace(problem, limited=limited), residual, residual.T).louder == louder
+
+
 def test_a_sensor_that_is_turned_far_is_found_from_the_description():
     case = make_case(7, duration=10.0)
     recorded, turned = case.recorded(), effect_named("sensor_rotation")

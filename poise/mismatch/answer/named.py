@@ -22,6 +22,11 @@ from poise.mismatch.reading import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
+_SIZE = 2.0
+"""Sigmas by which the sizes of an effect together differ from nothing at least."""
+_EXACT = 1e-12
+"""Least variance of sizes together, in units of their own; smaller ones are rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
@@ -100,6 +105,31 @@ def covariances(best: HypothesisFit, inputs: Sequence[RecordedMotion]) -> list[A
         of_law = [p.law_sigma(part.values[p.name]) for p in part.effect.parameters(recorded)]
         found.append(covariance + np.diag(np.square(of_law)))
     return found
+
+
+def within_errors(part: FittedEffect, recorded: RecordedMotion, covariance: Array) -> bool:
+    """Whether the sizes that an effect reports are all nothing within their errors; False where it reports none.
+
+    Args:
+        part: as fitted.
+        recorded: on which it acts.
+        covariance: of its parameters, see `HypothesisFit.covariance_with_misfit`.
+    """
+    parameters = part.effect.parameters(recorded)
+    # What friction hides is its asymmetry; moments, which a payload hides, are reported as its centre of mass.
+    hidden = bool(part.effect.of_joint)
+    sizes = [index for index, p in enumerate(parameters) if p.linear and not (hidden and p.hidden)]
+    deviations = np.sqrt(np.diag(covariance)[sizes])
+    known = deviations > 0.0
+    values = np.array([part.values[parameters[index].name] for index in sizes])
+    if not known.any():
+        return bool(len(sizes)) and not values.any()
+    chosen = np.asarray(sizes)[known]
+    inner = covariance[np.ix_(chosen, chosen)] / np.outer(deviations[known], deviations[known])
+    # Sizes that are not known one by one, as of a load on one axis, are known together: small variances count.
+    variances, directions = np.linalg.eigh(inner)
+    along = directions.T @ (values[known] / deviations[known])
+    return bool(np.sum(along**2 / np.maximum(variances, _EXACT)) < _SIZE**2)
 
 
 def equals(part: FittedEffect, recorded: RecordedMotion, beside: str) -> set[str]:

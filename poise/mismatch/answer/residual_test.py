@@ -13,11 +13,15 @@ from scipy.ndimage import binary_opening
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import MATERIAL_EXCESS, FittedEffect, Problem, allowed_excess, linear_bspline_basis
-from poise.mismatch.recorded import block_means
+from poise.mismatch.recorded import block_means, rounding
 from poise.types import Array
 
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
+_FEW_DIFFERENCES = 100
+"""Third differences below which a ratio of their sizes may be chance: of 100 it is uncertain by 0.1 to 0.15."""
+_COARSE = 0.25
+"""Share of the noise's power from which the rounding of the readings decides how their fast noise grows."""
 _ONE_CHANNEL = 0.5
 """Energy of one channel, beyond the share that all channels may have, that is structure where the others have less."""
 
@@ -70,25 +74,25 @@ def judge_residual(
     problem: Problem,
     residual: Array,
     whitened: Array,
-    rounding: Array | float = 0.0,
+    rounded: Array | float = 0.0,
     named: Sequence[FittedEffect] = (),
 ) -> ResidualTest:
     """Test a residual (N, C) and its whitened form (R,).
 
     Args:
         problem, residual, whitened: see above.
-        rounding: (C,) of the readings, one sigma, which is no structure.
+        rounded: (C,) rounding of the readings, one sigma, which is no structure.
         named: the effects of the answer, whose own events are no bursts.
     """
     scaled, seconds = (residual / problem.noise.total)[problem.active], problem.seconds[problem.active]
     energy, free = _energies(problem, residual)
     excess, material = _excess(energy, free), allowed_excess(problem)
     loud = _louder_when_fast(problem, residual)
-    rounded = np.broadcast_to((rounding / problem.noise.sigma) ** 2, energy.shape)
-    allowed = material + float(np.mean(rounded))
+    allowance = np.broadcast_to((rounded / problem.noise.sigma) ** 2, energy.shape)
+    allowed = material + float(np.mean(allowance))
     each = energy / np.maximum(free, 1.0) - 1.0
-    worst = int(np.argmax(each - rounded))
-    alone = excess <= allowed and each[worst] - rounded[worst] > material + _ONE_CHANNEL
+    worst = int(np.argmax(each - allowance))
+    alone = excess <= allowed and each[worst] - allowance[worst] > material + _ONE_CHANNEL
     structured = excess > allowed or loud or alone
     bursts = () if structured else _bursts(problem, residual, named)
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
@@ -166,9 +170,12 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     moving = still if noise.motion is None else still + noise.motion
     level_still, level, speed = (block_means(each, block)[2:-1] for each in (still, moving, noise.speed))
     fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0))
-    # Limited readings have no noise.
+    # Limited readings have no noise; coarse ones change the less often, the slower the load changes.
     free = sliding_window_view(block_means(problem.free, block), 4, axis=0).min(axis=-1) == 1.0
-    slow, quick = np.quantile(speed, [0.3, 0.7])
+    steps = np.array([rounding(column) for column in problem.measured.T])
+    free = free & (steps**2 < _COARSE * noise.sigma**2 / block)
+    # Readings that are not compared (joints at rest, held by dry friction) say nothing of either speed.
+    slow, quick = np.quantile(speed[free.any(axis=1)], [0.3, 0.7]) if free.any() else (0.0, 0.0)
     if quick - slow < 0.1:
         return False
     # Encoders that count steps err less while the steps are rare.
@@ -176,7 +183,7 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
         np.clip((fast[at] / np.sqrt(20.0 * of[at]))[free[at]], 0.0, 8.0)
         for at, of in ((speed <= slow, level_still), (speed >= quick, level))
     ]
-    if min(map(len, halves)) == 0:
+    if min(map(len, halves)) < _FEW_DIFFERENCES:
         return False
     sizes = ([float(measure(half)) for half in halves] for measure in (_root_mean_square, np.median))
     return all(after > _LOUDER * before for before, after in sizes)

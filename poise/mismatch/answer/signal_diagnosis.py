@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
-from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
+from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects, within_errors
 from poise.mismatch.answer.residual_test import ResidualTest, excess_of, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
     WARM_STEPS,
+    Dependence,
     EffectCandidate,
     FittedEffect,
     HeldOutProof,
@@ -241,13 +242,30 @@ def _proven(state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: M
             best = fit(seen, [part.carried(seen.recorded) for part in best.parts], WARM_STEPS)
         final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
         best = _settled(final, best.parts)
-        proof = held_out(replace(final, judged=None), best, held)
         dropped |= model.dropped
+        vain = _of_no_size(final, best)
+        if vain is not None:
+            dropped[best.parts[vain].effect.name] = "its sizes are nothing within their errors"
+            best = model.without[vain]
+            continue
+        proof = held_out(replace(final, judged=None), best, held)
         if not best.parts or not proof.worse:
             return replace(model, dropped=dropped), final, best, proof
         best = model.shorter()
         lost = set(names(model.fit)) - set(names(best))
         dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
+
+
+def _of_no_size(final: Problem, best: HypothesisFit) -> int | None:
+    """An effect on joint efforts whose sizes, estimated by least squares in time, are nothing within their errors.
+
+    The proof weighs the residual by its spectrum: it may rest on the moments of a reversal or of a step of a converter.
+    """
+    if final.signal == "wrench":
+        return None
+    acting = zip(best.parts, final.compose(best.parts)[0], best.covariance_with_misfit(), strict=True)
+    vain = (within_errors(*each) and not isinstance(each[0].effect, Dependence) for each in acting)
+    return next((index for index, found in enumerate(vain) if found), None)
 
 
 def _settled(final: Problem, parts: Sequence[FittedEffect]) -> HypothesisFit:

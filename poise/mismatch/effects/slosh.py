@@ -29,6 +29,11 @@ _LONGEST = 0.25
 """m: the pendulum of the first mode of a vessel of 0.4 m radius; what hangs longer is a `hanging_chain`."""
 _WIDE = 0.12
 """m: the same for a radius of 0.2 m. A longer pendulum in a hand may as well be a rope whose second mode rests."""
+_FIRST_MODE, _RADIUS = 0.455, 1.841
+"""Mass of the first mode in a deep round vessel, relative to pi times density times radius cubed; its radius in lengths
+of the pendulum (Ibrahim 2005, section 1.2.2)."""
+_DENSEST, _LONGER = 2000.0, 4.0
+"""kg/m3 of a slurry; times that a trough may be longer across the swing than a round vessel of the same frequency."""
 
 
 class Slosh(Effect):
@@ -79,10 +84,19 @@ class Slosh(Effect):
         return (swing + beyond_nominal(recorded, nonlinear, nonlinear["length"]))[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """A liquid does not swing more slowly than in the widest vessel: what does hangs, as a chain or a rope."""
+        """A liquid does not swing more slowly than in the widest vessel: what does hangs, as a chain or a rope.
+
+        Nor does much of it swing fast: what does is rigid, a payload that model.yaml lacks.
+        """
         length = self.parameters(recorded)[0]
         if values["length"] > 0.5 * _LONGEST and length.at_end(values["length"]):
             return f"it would swing as a pendulum of {1e3 * _LONGEST:.0f} mm or longer, which is a hanging chain's"
+        most = _DENSEST * _LONGER * _FIRST_MODE * np.pi * (_RADIUS * values["length"]) ** 3
+        if values["mass"] > most:
+            return (
+                f"{1e3 * values['mass']:.0f} g of liquid do not swing as fast as a pendulum of "
+                f"{1e3 * values['length']:.0f} mm"
+            )
         return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
     def twins(self, recorded: RecordedMotion, values: Values) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from poise.mismatch.effects import within
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.cancelling import cancelling
+from poise.mismatch.inference.converters import below_rounding
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, implausible, names, residual_of
 from poise.mismatch.inference.problem import BRIEF, FittedEffect, Problem
@@ -167,7 +168,11 @@ def _shortened(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         proofs = _compared(problem, whole, without)
         parts = zip(whole.parts, proofs, cancelling(problem, whole.parts), strict=True)
         lacking = [
-            implausible(problem.recorded, [part]) or immaterial(problem, part, proof) or proof.lacking or cancelled
+            implausible(problem.recorded, [part])
+            or below_rounding(problem, part)
+            or immaterial(problem, part, proof)
+            or proof.lacking
+            or cancelled
             for part, proof, cancelled in parts
         ]
         if not any(lacking):

@@ -9,6 +9,7 @@ from poise.mismatch.reading.wrench_samples import (
     MAX_WRENCH_RATE,
     MAX_WRENCH_SAMPLES,
     averaged,
+    averaged_readings,
     begun,
     mean_stamps,
 )
@@ -69,8 +70,9 @@ def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
     together = int(np.ceil(1.0 / max(period, 1e-6) / _MAX_JOINT_RATE - 0.05))
     if together < 2:
         return joints, []
-    parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
-    fewer = JointStream(mean_stamps(joints.stamps, together), joints.names, *parts)
+    position, velocity = (averaged(values, together) for values in (joints.position, joints.velocity))
+    effort = averaged_readings(joints.effort, together)
+    fewer = JointStream(mean_stamps(joints.stamps, together), joints.names, position, velocity, effort)
     return fewer, [f"the joint states came at {1 / period:.0f} Hz; {together} samples each were averaged"]
 
 
@@ -93,7 +95,7 @@ def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     rows &= apart(seconds)
     seconds, effort = seconds[rows], effort[rows]
     together = _together(seconds)
-    return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
+    return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged_readings(effort, together))
 
 
 def _together(seconds: Array) -> int:

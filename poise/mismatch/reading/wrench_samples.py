@@ -5,6 +5,7 @@ from typing import TypeVar
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.mismatch.recorded import lattice
 from poise.recording import Stream, WrenchStream
 from poise.robot import blanks, each_stamp_once, interpolated, left_out
 from poise.types import Array, Stamps
@@ -16,6 +17,8 @@ MAX_WRENCH_RATE = 250.0
 MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE = 15_000, 25.0
 """Samples of a recording that are compared at most. A longer one is averaged further, down to this rate in Hz."""
 
+_ALIKE = 0.5
+"""Share of means of readings that are all equal, from which the converter is coarse."""
 _FEWEST_RUNS, _REGULAR = 50, 0.9
 """Changes of the readings, and the share of them that come after the usual number of samples, for repetitions."""
 
@@ -44,7 +47,7 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
     together = int(np.ceil(1.0 / period / rate - 0.05))
     if together > 1:
-        values = averaged(wrench.wrench_in_sensor, together)
+        values = averaged_readings(wrench.wrench_in_sensor, together)
         wrench = WrenchStream(mean_stamps(wrench.stamps, together), values, wrench.frame_id)
         notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
     return wrench, notes
@@ -89,6 +92,21 @@ def averaged(values: Array, together: int) -> Array:
     """(N, ...) -> (N // together, ...) means of consecutive samples."""
     count = len(values) // together * together
     return np.asarray(values[:count].reshape(-1, together, *values.shape[1:]).mean(axis=1))
+
+
+def averaged_readings(values: Array, together: int) -> Array:
+    """(N, C) -> (N // together, C) means of consecutive readings, on the grid of a converter that is coarse.
+
+    Where most readings equal those beside them, their mean is as wrong as each of them, by the rounding. Means on a
+    finer grid would look more exact, and their small changes like those of a fine converter.
+    """
+    means, count = averaged(values, together), len(values) // together * together
+    spread = np.ptp(values[:count].reshape(-1, together, values.shape[1]), axis=1)
+    for channel in np.flatnonzero(np.mean(spread == 0.0, axis=0) >= _ALIKE).tolist():
+        step = lattice(values[:, channel])
+        if step > 0.0:
+            means[:, channel] = np.round(means[:, channel] / step) * step
+    return means
 
 
 def mean_stamps(stamps: Stamps, together: int) -> Stamps:

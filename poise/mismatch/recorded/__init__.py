@@ -7,6 +7,7 @@ from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_r
 from poise.mismatch.recorded.noise_levels import (
     NoiseLevel,
     block_means,
+    coarse_steps,
     lattice,
     noise_level,
     rounding,
@@ -37,6 +38,7 @@ __all__ = [
     "RecordedMotion",
     "at_times",
     "block_means",
+    "coarse_steps",
     "directed",
     "efforts_alone",
     "forces_at",

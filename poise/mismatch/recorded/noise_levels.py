@@ -13,6 +13,8 @@ _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
 """Samples that are averaged to find the band of the noise."""
 _FAST, _SLOWEST = 0.016, 0.08
 """s of a block: up to the first the loudest counts, since no motion is that fast; the second is the longest."""
+_ALIKE = 0.5
+"""Share of readings that equal the one before, from which their converter is coarse."""
 _LOUDER = 1.25
 """Ratio of two levels from which they differ."""
 _STEEP = 0.45
@@ -127,11 +129,13 @@ def lattice(values: Array) -> float:
     Args:
         values: any shape; NaN are left out.
     """
-    flat = values[np.isfinite(values)]
-    size = float(np.abs(flat).max()) if len(flat) else 0.0
-    flat = flat[np.abs(flat) < size * (1.0 - 1e-9)]
-    levels = np.unique(np.round(flat / max(size, 1e-300), 10)) * size
-    if len(levels) < 3 or len(levels) > 0.9 * len(flat):
+    every = values[np.isfinite(values)]
+    size = float(np.abs(every).max()) if len(every) else 0.0
+    flat = every[np.abs(every) < size * (1.0 - 1e-9)]
+    levels = _levels(flat, size)
+    if len(levels) < 3:  # of so few, the largest is rather a level than a limit
+        flat, levels = every, _levels(every, size)
+    if len(levels) < 2 or len(levels) > 0.9 * len(flat):
         return 0.0
     gaps = np.diff(levels)
     finest = float(np.quantile(gaps, 0.1))
@@ -143,9 +147,22 @@ def lattice(values: Array) -> float:
     return step if np.quantile(off, 0.99) < 0.04 else 0.0
 
 
+def _levels(values: Array, size: float) -> Array:
+    return np.asarray(np.unique(np.round(values / max(size, 1e-300), 10)) * size)
+
+
 def rounding(values: Array) -> float:
     """One sigma of the rounding of values (any shape) to their `lattice`; 0 without one."""
     return float(lattice(values) / np.sqrt(12.0))
+
+
+def coarse_steps(values: Array) -> Array:
+    """(C,) the `lattice` of channels (N, C) in which most readings equal the one before; 0 of others.
+
+    Noise of a third of a step makes readings differ; below that, rounding follows the load and is no noise.
+    """
+    alike = np.mean(np.diff(values, axis=0) == 0.0, axis=0) >= _ALIKE
+    return np.array([lattice(column) if same else 0.0 for column, same in zip(values.T, alike.tolist(), strict=True)])
 
 
 def wrench_rounding(wrench: Array) -> Array:
