@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.compare import comparison_json, print_comparison, read_alike, with_description
+from poise.commands.mismatch_answer import unknown_json
 from poise.commands.output import progress_bar, warn
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.comparing import Comparison, Located, compare, located
@@ -117,9 +118,7 @@ def _located_json(found: Located, motion: Mapping[str, Any]) -> dict[str, Any]:
             for each in differing
             for start, end in each.windows
         ],
-        "unknown": {"depends_on": [], "sentence": " ".join(each.sentence for each in differing), "candidates": []}
-        if differing
-        else None,
+        "unknown": unknown_json(" ".join(each.sentence for each in differing)) if differing else None,
         "channels": [asdict(each) | {"differs": each.differs} for each in found.channels],
         "alignment": {"share": found.alignment.share, "rate": found.alignment.rate, "notes": list(found.notes)},
         "motion": dict(motion),

@@ -1,6 +1,6 @@
 """The answer of `poise mismatch`: as JSON, and in sentences and tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ UNEXAMINED = (
 
 def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
     """The fields of the contract and further ones; seconds count from the first wrench sample."""
-    proof, rest = found.main.proof, found.main.residual_test
+    proof, rest, unknown = found.main.proof, found.main.residual_test, found.unknown
     return {
         "verdict": found.verdict,
         "effects": [_effect(finding) for finding in found.findings],
@@ -45,7 +45,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         ]
         if found.verdict != "none"
         else [],
-        "unknown": _unknown(found),
+        "unknown": unknown and unknown_json(unknown.sentence, unknown.depends_on, unknown.candidates),
         "fit": {
             "noise_floor": proof.floor,
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
@@ -61,15 +61,12 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
     } | _of_input(readings)
 
 
-def _unknown(found: Diagnosis) -> dict[str, Any] | None:
-    unknown = found.unknown
-    if unknown is None:
-        return None
-    return {
-        "depends_on": unknown.depends_on,
-        "sentence": unknown.sentence,
-        "candidates": [{"name": name, "probability": chance} for name, chance in unknown.candidates],
-    }
+def unknown_json(
+    sentence: str, depends_on: Sequence[str] = (), candidates: Sequence[tuple[str, float]] = ()
+) -> dict[str, Any]:
+    """What no name explains: see `UnknownPhysics`."""
+    chances = [{"name": name, "probability": chance} for name, chance in candidates]
+    return {"depends_on": list(depends_on), "sentence": sentence, "candidates": chances}
 
 
 def _nrmse(found: Diagnosis) -> dict[str, dict[str, float]]:

@@ -38,7 +38,8 @@ _MATERIAL_VARIATION = 0.9
 """Relative evidence of a variation (see `BeliefBasis`) from which it is reported."""
 WEIGHTS = (-1.6, 1.0, 1.3, -3.85, 1.85)
 """Of `belief_probability`; fitted on cases of two generators by `benchmarks.concealed.calibrate`, but with a steeper
-slope: names of low evidence are rare in answers, and likelier where the truth holds nothing (healthy recordings)."""
+slope: names of low evidence are rare in answers, and likelier where the truth holds nothing (healthy recordings). The
+third lies between the fits to older and to newer answers (see docs/mismatch_method.md)."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
 """Odds relative to the name from which a rival is called indistinguishable."""

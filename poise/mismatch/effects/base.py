@@ -52,7 +52,7 @@ class EffectParameter:
         choice: a non-linear parameter that takes few whole values (the number of a joint); it is taken from
             `Effect.starts` and never refined.
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
-            finely `Effect.starts` resolves it. It is not refined.
+            finely `Effect.starts` resolves it. No step of a fit changes it; a search moves those in s.
         positive: of a linear parameter: a physical bound, no fit goes below zero (a mass, a drag, a friction).
         known: of a positive parameter: what the nominal model has of it already, which a fit may take away.
         vanishes: at its low end, a non-linear parameter stands for none (no damping, no slack), so that a fit may end

@@ -76,7 +76,7 @@ def refine(
         regression: the columns fitted beside it.
         recorded: that the effect acts in.
         effect: to fit.
-        start: non-linear values.
+        start: non-linear values; moments of events are moved near it before all others are refined.
         steps: at the most.
         least: gain of interest: the search ends as soon as it is out of reach.
     """

@@ -17,7 +17,8 @@ _NOTHING = 1e-3
 
 def below_rounding(problem: Problem, part: FittedEffect) -> str:
     """Why the rounding of coarse readings may imitate an effect; "" where it is larger, or acts on others as well."""
-    steps = coarse_steps(problem.measured)
+    # The readings are those of every model.
+    steps = problem.recorded.once(("coarse steps", problem.signal), lambda: coarse_steps(problem.measured))
     if not steps.any():
         return ""
     response = part.effect.simulate(problem.recorded, part.values)[problem.active]

@@ -313,7 +313,7 @@ class RecordedMotion:
         return self._moving_alike(replace(self, effort=replace(self.effort, prediction=prediction)))
 
     def once(self, key: object, make: Callable[[], T]) -> T:
-        """What `make` returns, computed once for all predictions: it depends on the motion and the payload alone."""
+        """What `make` returns, computed once for all predictions: it depends on motion, payload and readings alone."""
         if key not in self._of_motion:
             self._of_motion[key] = make()
         made: T = self._of_motion[key]
