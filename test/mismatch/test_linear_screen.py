@@ -7,8 +7,9 @@ import pytest
 import yaml
 
 from benchmarks.model_export import ROBOTS, nominal_mjcf, plant, recording, stated_payload
+from benchmarks.random_effects import random_case
 from poise.mismatch.effects import all_effects
-from poise.mismatch.inference import effort_problem
+from poise.mismatch.inference import FittedEffect, effort_problem
 from poise.mismatch.inference.linear_screen import _repeated, screened
 from poise.mismatch.reading import load_model, on_efforts, read_recording
 from poise.recording import open_recording, write_recording
@@ -31,12 +32,27 @@ def test_what_is_planted_in_mujoco_is_selected(seed: int, expected: set[str], tm
     stated.write_text(
         yaml.safe_dump({"sensor_frame": RobotModel.from_file(robot).sensor_frame, "payload": stated_payload()})
     )
+    found = _selected(bag, stated)
+    assert {part.effect.name for part in found if not part.effect.free_course} == expected
+
+
+def test_an_event_is_looked_for_in_what_the_tolerances_leave(tmp_path: Path) -> None:
+    """Beside a payload at the edge of its tolerance, a push of the base (2,000 nats) was no burst, and so `none`."""
+    made = random_case(7849, tmp_path)
+    made.write(tmp_path / "case")
+    (found,) = _selected(tmp_path / "case" / "recording.mcap", tmp_path / "case" / "model.yaml")
+    assert found.effect.name == "base_motion"
+    start, end = found.values["start"], found.values["start"] + found.values["length"]
+    assert start == pytest.approx(5.9, abs=0.3)
+    assert end == pytest.approx(7.9, abs=0.5)
+
+
+def _selected(bag: Path, stated: Path) -> tuple[FittedEffect, ...]:
     read = read_recording(open_recording(bag), load_model(stated))
     problem = effort_problem(read.recorded, read.model)
     effects = [on_efforts(each, problem.recorded) for each in all_effects()]
     library = [each for each in effects if each.signal == "effort" and not each.untestable(problem.recorded)]
-    found = screened(problem, library)
-    assert {part.effect.name for part in found if not part.effect.free_course} == expected
+    return screened(problem, library)
 
 
 @pytest.mark.parametrize(

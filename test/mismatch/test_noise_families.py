@@ -172,7 +172,14 @@ def test_quiet_channels_do_not_hide_the_residual_of_one(size: float) -> None:
 
 @pytest.mark.parametrize(
     ("size", "lasts", "found"),
-    [(40.0, 0.2, (8.1, 17.1)), (9.0, 0.03, ()), (60.0, 0.03, (8.0, 17.0)), (60.0, 0.012, ())],
+    [
+        (40.0, 0.2, (8.1, 17.1)),
+        (9.0, 0.03, ()),
+        (60.0, 0.03, (8.0, 17.0)),
+        (60.0, 0.012, ()),
+        (3.5, 0.6, (8.3, 17.3)),  # no reading is beyond ten sigma
+        (1.5, 0.8, ()),
+    ],
 )
 def test_brief_events_are_not_the_colour_of_noise(size: float, lasts: float, found: tuple[float, ...]) -> None:
     """A base that drove over thresholds was `none` at 4.6 noises: coloured noise may have this energy."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import binary_opening
+from scipy.ndimage import binary_opening, uniform_filter1d
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import MATERIAL_EXCESS, FittedEffect, Problem, allowed_excess, linear_bspline_basis
@@ -30,6 +30,9 @@ _SPIKE = 5.0
 _BURSTS, _FEWEST = ((10.0, 0.06), (20.0, 0.02)), 5
 """Sigmas, and s for which a residual beyond these is no spike and no noise, with the fewest samples: brief events in a
 calm recording make its noise look coloured, and are within the energy that this may have."""
+_WINDOW, _LASTING = 1.0, 5.0
+"""s in which one channel's residual has this energy, in units of its noise, where something acts; of 60 signals of
+healthy recordings (benchmarks.foreign, benchmarks.random_effects), the largest had 3.7."""
 _REVERSES = 0.1
 """Share of the usual speed of a joint below which it may reverse: when its dry friction does is known to steps of the
 encoder."""
@@ -94,7 +97,7 @@ def judge_residual(
     worst = int(np.argmax(each - allowance))
     alone = excess <= allowed and each[worst] - allowance[worst] > material + _ONE_CHANNEL
     structured = excess > allowed or loud or alone
-    bursts = () if structured else _bursts(problem, residual, named)
+    bursts = () if structured else bursts_of(problem, residual, named)
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     white = _strongest_correlation(whitened.reshape(residual.shape[1], -1))
     channel = problem.channels[worst] if alone else ""
@@ -120,8 +123,8 @@ def _energies(problem: Problem, residual: Array) -> tuple[Array, Array]:
     return np.sum(scaled**2, axis=0), np.asarray(problem.free[problem.active].sum(axis=0))
 
 
-def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) -> tuple[float, ...]:
-    """The middle times of runs of residuals (N, C) of one channel beyond those of `_BURSTS`, s."""
+def bursts_of(problem: Problem, residual: Array, named: Sequence[FittedEffect]) -> tuple[float, ...]:
+    """The middle times, s, when a residual (N, C) has in one channel what noise has not: outside the named events."""
     seconds = problem.seconds
     judged = problem.active.copy()
     for part in named:
@@ -139,6 +142,9 @@ def _bursts(problem: Problem, residual: Array, named: Sequence[FittedEffect]) ->
     for sigmas, least in _BURSTS:
         length = max(round(least / period), _FEWEST)
         lasting |= binary_opening(scaled > sigmas, np.ones((length, 1))).any(axis=1)
+    length = max(round(_WINDOW / period), 1)
+    energy = uniform_filter1d(np.minimum(scaled, _SPIKE) ** 2, length, axis=0, mode="constant")
+    lasting |= (energy > _LASTING).any(axis=1)
     when = seconds[lasting]
     groups = np.split(when, np.flatnonzero(np.diff(when) > _APART) + 1)
     return tuple(float(group[0] + group[-1]) / 2 for group in groups if len(group))

@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects, within_errors
-from poise.mismatch.answer.residual_test import ResidualTest, excess_of, judge_residual
+from poise.mismatch.answer.residual_test import ResidualTest, bursts_of, excess_of, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
 from poise.mismatch.effects import Effect
@@ -213,7 +213,9 @@ def _without_refused(state: HypothesisSearch, found: _Proven, seen: Problem, hel
 def _within_noise(found: _Proven) -> bool:
     """Whether nothing is left to explain, on held-out samples and on all: an effect may hardly act on the former."""
     _, final, best, proof = found
-    return proof.excess <= 0.0 and excess_of(final, residual_of(final, best)) <= allowed_excess(final)
+    left = residual_of(final, best)
+    calm = proof.excess <= 0.0 and excess_of(final, left) <= allowed_excess(final)
+    return calm and not bursts_of(final, left, best.parts)
 
 
 def _explains_more(best: HypothesisFit, found: _Proven) -> bool:

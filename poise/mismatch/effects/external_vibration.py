@@ -27,6 +27,8 @@ moves at that frequency."""
 _ABOVE = 25.0
 """Power of a line over the median power of the spectrum near it: the largest of a thousand values of a noise of any
 colour reaches 15. Corners of the motion that encoders do not show leave such a noise below their bandwidth."""
+_ABOVE_EACH = 6.0
+"""Power of a line over the largest one near it: it exceeds 37 lines of a white noise as much once in five million."""
 _NEAR = (3.0, 12.0)
 """Distance of that spectrum from the line, times the length of the window."""
 _KEPT, _CHANCE = 0.5, 40.0
@@ -198,7 +200,7 @@ def _stands_out(seconds: Array, shake: Array, frequency: float, window: Array) -
     near = np.concatenate([frequency - away, frequency + away])
     waves = np.exp(-2j * np.pi * np.outer([frequency, *near[near > _LOWEST]], seconds)) * window
     line, *others = (np.abs(waves @ shake) ** 2).sum(axis=1)
-    return bool(line > _ABOVE * np.median(others))
+    return bool(line > min(_ABOVE * np.median(others), _ABOVE_EACH * max(others)))
 
 
 def _explained(columns: Array, values: Array) -> float:

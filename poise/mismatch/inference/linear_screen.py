@@ -74,7 +74,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         # Which joints are concerned shows once the common effects are there, and those found before.
         known, names = len(chosen), {sums.families[i].name for i in chosen}
         left = [effect for effect in choosing if effect.name not in names]
-        sums = screen.extended(left, _fitted(problem, sums, chosen))
+        sums = screen.extended(left, _fitted(problem, sums, chosen), screen.calibrated(sums, chosen))
         chosen = _grown(sums, chosen)
         if len(chosen) == known:
             break
@@ -103,17 +103,32 @@ class _Screen:
         precision = np.full(len(bound), _TOLERANCE_RIDGE)
         self._families = [EffectFamily(None, {}, columns, precision, -bound, bound)]
 
+    def calibrated(self, sums: BlockSums, chosen: Sequence[int]) -> Array:
+        """(N, J) response of the calibration errors beside a set, at the full rate."""
+        values = solved(sums, chosen, begun(sums, chosen)[1])
+        groups = self._problem.groups(self._problem.recorded)
+        ends = np.cumsum([len(group.bounds) for group in groups])
+        each = np.split(values[: ends[-1]], ends[:-1])
+        return np.asarray(sum(group.response(own) for group, own in zip(groups, each, strict=True)))
+
     def extended(
-        self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None, general: bool = False
+        self,
+        effects: Sequence[Effect],
+        beside: Sequence[FittedEffect] | None = None,
+        calibrated: Array | float = 0.0,
+        general: bool = False,
     ) -> BlockSums:
         """The sums with further effects; those that start from what others leave, at the full rate.
 
-        `general`: with the general ones of their starting points alone.
+        Args:
+            effects: to add.
+            beside, calibrated: effects, and the response (N, J) of calibration errors, that explain a part already.
+            general: with the general ones of their starting points alone.
         """
         recorded, left = self._recorded, self._target
         if beside is not None:
             recorded = self._problem.recorded
-            left = self._problem.unexplained(self._problem.predicted(self._problem.compose(beside)[1]))
+            left = self._problem.unexplained(self._problem.predicted(self._problem.compose(beside)[1]) + calibrated)
         for effect in effects:
             own = [p for p in effect.parameters(recorded) if p.linear]
             linear = own or [_SCALE]
@@ -245,7 +260,7 @@ def _with_laws(problem: Problem, screen: _Screen, sums: BlockSums, chosen: list[
         alike = [k for k, each in enumerate(sums.families) if each.effect is effect]
         if effect is not None and not effect.general and any(_general(sums, k) for k in alike):
             others = [each for each in _fitted(problem, sums, chosen) if each.effect is not effect]
-            sums = screen.extended([effect], others, general=True)
+            sums = screen.extended([effect], others, screen.calibrated(sums, chosen), general=True)
     changed = _varied(sums, chosen)
     # Values within a law are settled at the end, when all effects are there.
     return sums, _grown(sums, changed) if any(_general(sums, k) for k in changed) else chosen
