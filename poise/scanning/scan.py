@@ -20,6 +20,7 @@ from poise.scanning.options import DEFAULT_SCAN, ScanOptions
 from poise.scanning.placing import Sweep
 from poise.scanning.pose_doubt import SurfaceDoubt, pose_doubt
 from poise.scanning.shared_errors import Delayed, Path, without_shared, words_of
+from poise.scanning.strays import without_strays
 from poise.scanning.support import Plane
 from poise.scanning.table_top import check_depth, look_at, table_of, things_on, up_of
 from poise.shape import DEFAULT_SEGMENTATION, HIDDEN_OFF, Segmentation, SegmentationOptions, segment
@@ -163,13 +164,27 @@ def _best(
     except InputError:  # with these poses
         table = None
     views, path, said = without_shared(views, path, table and table[1], options.farthest)
+    views, table, strays = _without_strays(views, None if said else table, options)
+    said += strays
     try:
-        found = observed(views, path, options, reach, None if said else table)
+        found = observed(views, path, options, reach, table)
     except InputError as error:
         if not error.data.get("disagree"):
             raise
         return _despite(error, views, path, options, reach), said
     return _agreeing(found, path, options, reach, []), said
+
+
+def _without_strays(
+    views: Sequence[View], table: tuple[Array, Plane] | None, options: ScanOptions
+) -> tuple[Sequence[View], tuple[Array, Plane] | None, list[str]]:
+    """The views without single ones that show other things, the table where it is known, and what was left out."""
+    try:
+        table = table or table_of(views, options)
+    except InputError:  # is reported with what the views disagree about
+        return views, None, []
+    kept, said = without_strays(views, table[1], options.farthest)
+    return kept, None if said else table, said
 
 
 def _despite(

@@ -25,7 +25,7 @@ CELL = 0.003
 """m, of the height map."""
 _LOWEST = 0.0008
 """m: what rises less over the table is the table."""
-_TALLEST = 0.6
+TALLEST = 0.6
 _LEAST_AREA = 6e-5
 """m2: smaller clusters are not objects."""
 _MOST = 50
@@ -166,7 +166,7 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     placed = plane.placed(points)
     flat, heights = placed[:, :2].astype(np.float64), placed[:, 2].astype(np.float64)
     # What is farther below is a mirror image in the plane, or the floor; the mean of a cell would fall with it.
-    over = (heights > -max(NEAR, 3 * plane.thickness)) & (heights < _TALLEST)
+    over = (heights > -max(NEAR, 3 * plane.thickness)) & (heights < TALLEST)
     flat, heights = flat[over], heights[over]
     low = np.quantile(flat, 0.001, axis=0) - CELL
     high = np.minimum(np.quantile(flat, 0.999, axis=0) + CELL, low + 4.0)
