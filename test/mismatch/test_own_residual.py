@@ -199,6 +199,22 @@ def test_an_effect_with_likelier_rivals_is_not_named_but_said():
     assert likelihoods(weak) == "joint_offset 20 %, base_tilt 30 %"
 
 
+@pytest.mark.parametrize(("varies", "share", "piece"), [("time", 0.03, True), ("time", 0.8, False), ("", 0.03, False)])
+def test_an_event_is_a_piece_of_a_larger_cause_that_varies_with_time(varies: str, share: float, piece: bool):
+    """A slowly changing pull was a `mass_step` (68 %) of an arm without a payload, beside an unclear `world_force`."""
+
+    def named(name: str, chance: float, of_error: float, varies_with: str = "") -> NamedEffect:
+        effect = effect_named(name)
+        assert effect is not None
+        belief = EffectBelief(chance, (), (), BeliefBasis(90.0, 2.0, 0, False), varies_with)
+        proof = EffectProof(6, 6, 1.2, 1.0, 4500.0, of_error, 0.0, 40.0, 4700.0, 1.0, 0.0)
+        return NamedEffect(effect, {}, np.zeros((0, 0)), belief, {}, (), "", proof)
+
+    step, lasting = named("mass_step", 0.7, share), named("viscous_friction", 0.9, 0.03)
+    pull = named("world_force", 0.3, 0.4, varies)
+    assert unclear([lasting, step, pull]) == ([step, pull] if piece else [pull])
+
+
 @pytest.mark.parametrize(("chance", "error", "kept"), [(0.02, 0.9, False), (0.02, 2.0, True), (0.3, 0.9, True)])
 def test_an_effect_that_is_contradicted_is_no_unknown_physics_where_the_rest_is_noise_without_it(chance, error, kept):
     case, effect = make_case(3, duration=6.0), effect_named("grasp_compliance")

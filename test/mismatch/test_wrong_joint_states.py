@@ -10,6 +10,7 @@ from field_robots import ARM, Recorded, read, urdf
 from poise.errors import InputError
 from poise.geometry import STANDARD_GRAVITY
 from poise.mismatch.reading import InputFinding, ReadRecording, parse_model
+from poise.mismatch.recorded import at_times
 from poise.recording import JointStream
 from poise.robot import RobotModel, resample, without_turns
 from poise.simulation import IdealRobot, JointMotion
@@ -85,6 +86,31 @@ def test_efforts_that_are_late_are_left_out_with_the_delay(samples: int) -> None
     reading = read(with_effort(joints, late))
     assert only(reading, "effort_late").values == pytest.approx((samples / 125.0,), abs=0.011)
     assert reading.recorded.effort is None
+
+
+@pytest.mark.parametrize("late", [-0.012, 0.01, 0.0165])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_efforts_that_are_a_little_late_are_moved(late: float, seed: int) -> None:
+    """A filter of 15 ms was `joint_coupling` (93 %)."""
+    joints = Recorded(damping=2.0, coulomb=1.0, seconds=20.0, seed=seed).joints()
+    effort = at_times(joints.seconds, joints.effort, joints.seconds - late)
+    reading = read(with_effort(joints, effort))
+    assert only(reading, "effort_late").values == pytest.approx((late,), abs=0.003)
+    track, intended = reading.recorded.effort, read(joints).recorded.effort
+    assert track is not None
+    assert intended is not None
+    there = at_times(intended.seconds, intended.measured, track.seconds)
+    inner = (track.seconds > 1.0) & (track.seconds < track.seconds[-1] - 1.0)
+    before = at_times(joints.seconds, effort, track.seconds)
+    assert np.std((track.measured - there)[inner]) < 0.5 * np.std((before - there)[inner])
+
+
+@pytest.mark.parametrize("late", [0.0, 0.004])
+def test_efforts_within_the_tolerance_of_a_clock_are_not_moved(late: float) -> None:
+    joints = Recorded(damping=2.0, coulomb=1.0, seconds=20.0).joints()
+    reading = read(with_effort(joints, at_times(joints.seconds, joints.effort, joints.seconds - late)))
+    assert not reading.findings
+    assert reading.recorded.effort is not None
 
 
 def test_efforts_from_which_the_weight_of_the_arm_is_subtracted_are_left_out() -> None:

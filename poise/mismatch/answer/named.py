@@ -134,8 +134,10 @@ def within_errors(part: FittedEffect, recorded: RecordedMotion, covariance: Arra
 
 def equals(part: FittedEffect, recorded: RecordedMotion, beside: str) -> set[str]:
     """Rivals that are as likely as an effect by rule, see `beliefs`; `beside` as in `named_effects`."""
-    state = part.effect.imitated(recorded, part.values) or beside
-    unknown = {f"unknown:{state}"} if state and part.effect.free(part.values) else set()
+    imitated = part.effect.imitated(recorded, part.values)
+    state = imitated or beside
+    follows = part.effect.free(part.values) or (imitated and beside)
+    unknown = {f"unknown:{state}"} if state and follows else set()
     return unknown | set(part.effect.twins(recorded, part.values))
 
 

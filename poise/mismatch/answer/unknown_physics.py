@@ -1,5 +1,6 @@
 """Physics that an answer does not name: outside the library, or not to be distinguished from other effects."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -41,8 +42,21 @@ class UnknownPhysics:
 
 
 def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
-    """The effects of an answer that other causes explain too often to be named."""
-    return [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
+    """The effects of an answer that other causes explain too often to be named.
+
+    Where one of them would have to vary with time, a smaller event beside it is a piece of that course.
+    """
+    found = [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
+    varying = [_share(each) for each in found if each.belief.varies_with == "time"]
+    largest = max(varying, default=-math.inf)
+    return [
+        each for each in named if each in found or (each.proof and not each.effect.transfers and _share(each) < largest)
+    ]
+
+
+def _share(each: NamedEffect) -> float:
+    """Of the energy of the error without an effect, the part that it removes."""
+    return -math.inf if each.proof is None else each.proof.share
 
 
 def undetermined(problem: Problem, unnamed: Sequence[NamedEffect]) -> list[NamedEffect]:

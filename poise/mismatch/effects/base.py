@@ -329,7 +329,10 @@ class Effect(ABC):
         return ""
 
     def imitated(self, recorded: RecordedMotion, values: Values) -> str:
-        """The state that another cause depends on which acts like these values; "" where nothing speaks for one."""
+        """The state that another cause depends on which acts like these values; "" where nothing speaks for one.
+
+        That cause is as likely as an event of free course, and as any effect beside an unknown part of the answer.
+        """
         del recorded, values
         return ""
 

@@ -17,6 +17,8 @@ _SHOWN = 1e-4
 """Determinant of a wave's information, per sample, below which the places where a joint stops do not show it."""
 _FEW = np.linspace(1.0, 2.0, 9)
 """Waves in the range travelled that are compared with a cubic: both have four parameters."""
+_MANY = 3.0
+"""Waves in the range travelled from which a sine is no piece of another curve over the position."""
 
 
 class GearRipple(Effect):
@@ -62,6 +64,11 @@ class GearRipple(Effect):
         out = np.zeros((*track.position.shape, 2))
         out[:, column, 0], out[:, column, 1] = np.sin(turn), np.cos(turn)
         return out
+
+    def imitated(self, recorded: RecordedMotion, values: Values) -> str:
+        """A few waves follow any curve over the position, as of a cable, a spring or a limit of the torque."""
+        span = float(np.ptp(efforts(recorded).position[:, column_of(recorded, values["joint"])]))
+        return "joint_position" if values["order"] * span < _MANY * 2.0 * np.pi else ""
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         del recorded

@@ -33,6 +33,11 @@ _MATERIAL, _BETTER, _AT_MOST = 0.005, 0.2, 0.4
 and with what no error explains."""
 _LONGEST_LAG, _SHORTEST_LAG = 1.0, 0.02
 """s: delays that are looked for."""
+_LEAST_MOVED, _LAG_STEP, _HALF = 0.008, 0.001, 0.5
+"""s: shorter delay from which efforts are moved, twice the usual tolerance of a clock, and its resolution; largest
+ratio of what the delay leaves, over all joints and in two of them, with and without it."""
+_CLEAR = 10.0
+"""Sigmas of a noise of `_SAMPLES` samples by which a delay lowers what the model leaves at least."""
 _LEAST_MOUNTING, _OWN_WEIGHT = 20.0, 2.0
 """degrees by which a base is turned at least, smaller tilts being an effect of the library; factor by which the weight
 may differ beside it."""
@@ -173,6 +178,43 @@ def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding |
     floor = float(np.min([as_read, *(each for each, _ in tried)], axis=0)[concerned].mean())
     explains = after < _AT_MOST * before and after - floor < _BETTER * (before - floor)
     return finding if explains and before - floor > _MATERIAL else None
+
+
+def without_delay(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
+    """Efforts at the time of their motion, where they are late or early by 8 to 20 ms, and what was found.
+
+    Late weight resembles friction and coupled motors. All joints of an arm have one delay; that of a single joint is
+    not distinguished from its friction. Delays from 20 ms on are those of `driver_error`.
+
+    Args:
+        track: the efforts, without readings at limits.
+    """
+    comparison = EffortComparison.of(track)
+    if len(track.names) < 2 or len(comparison.rows) < _SAMPLES // 2:
+        return track, []
+    bases = comparison.bases(track.rigid)
+
+    def left(lag: float) -> Array:
+        return comparison.left(linear_at(track.seconds, track.measured, track.seconds[comparison.rows] + lag), bases)
+
+    most = round(_SHORTEST_LAG / _LAG_STEP)
+    lag = min((_LAG_STEP * step for step in range(-most, most + 1)), key=lambda each: float(left(each).sum()))
+    before, after = left(0.0), left(lag)
+    noise = comparison.noise / (np.var(comparison.measured, axis=0) + comparison.faint)
+    chance = _CLEAR * np.sqrt(2.0 / len(comparison.rows)) * noise
+    falls = (after <= _HALF * before) & (before - after > chance)
+    if abs(lag) < _LEAST_MOVED or after.sum() > _HALF * before.sum() or falls.sum() < 2:
+        return track, []
+    sentence = (
+        f"The efforts follow from the motion if they are {1e3 * abs(lag):.0f} ms {'late' if lag > 0 else 'early'} "
+        "beside the positions; they were moved by it: correct the driver or its filter."
+    )
+    later = track.seconds + lag
+    moved = replace(track, measured=linear_at(track.seconds, track.measured, later))
+    index = np.clip(np.searchsorted(track.seconds, later), 1, len(track.seconds) - 1)
+    beside = track.seconds[index] - track.seconds[index - 1] < 2.0 * track.period
+    inside = (later >= track.seconds[0]) & (later <= track.seconds[-1])
+    return moved.select(beside & inside), [InputFinding("effort_late", sentence, track.names, (float(lag),))]
 
 
 _Tried = Iterator[tuple[Array, InputFinding]]

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.reading.effort_errors import driver_error, offset_and_friction, usable_efforts
+from poise.mismatch.reading.effort_errors import driver_error, offset_and_friction, usable_efforts, without_delay
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array, Mask
@@ -76,8 +76,9 @@ def checked_efforts(recorded: RecordedMotion, track: EffortTrack) -> tuple[Effor
     track, left_out = usable_efforts(track)
     if not track.names:
         return None, [*found, *left_out]
+    track, late = without_delay(track)
     gains = [_gain(track, j) for j in range(len(track.names))]
-    return _by_gain(track, gains, [*found, *left_out])
+    return _by_gain(track, gains, [*found, *left_out, *late])
 
 
 def _by_gain(
