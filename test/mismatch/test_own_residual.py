@@ -12,7 +12,7 @@ from poise.mismatch import diagnose
 from poise.mismatch.answer import NamedEffect, effects_called
 from poise.mismatch.answer.belief import BeliefBasis, EffectBelief
 from poise.mismatch.answer.residual_test import judge_residual
-from poise.mismatch.answer.unknown_physics import likelihoods, unclear, undetermined
+from poise.mismatch.answer.unknown_physics import likelihoods, pieces_of_a_course, unclear, undetermined
 from poise.mismatch.effects import EffectParameter, effect_named
 from poise.mismatch.inference import FittedEffect, fit, variations, wrench_problem
 from poise.mismatch.inference.cancelling import cancelling
@@ -212,7 +212,9 @@ def test_an_event_is_a_piece_of_a_larger_cause_that_varies_with_time(varies: str
 
     step, lasting = named("mass_step", 0.7, share), named("viscous_friction", 0.9, 0.03)
     pull = named("world_force", 0.3, 0.4, varies)
-    assert unclear([lasting, step, pull]) == ([step, pull] if piece else [pull])
+    unnamed = unclear([lasting, step, pull])
+    assert unnamed == [pull]
+    assert pieces_of_a_course([lasting, step, pull], unnamed) == ([step] if piece else [])
 
 
 @pytest.mark.parametrize(("chance", "error", "kept"), [(0.02, 0.9, False), (0.02, 2.0, True), (0.3, 0.9, True)])

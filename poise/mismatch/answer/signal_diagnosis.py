@@ -9,7 +9,14 @@ from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, cali
 from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects, within_errors
 from poise.mismatch.answer.residual_test import ResidualTest, bursts_of, excess_of, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
-from poise.mismatch.answer.unknown_physics import UnknownPhysics, likelihoods, unclear, undetermined, unknown_physics
+from poise.mismatch.answer.unknown_physics import (
+    UnknownPhysics,
+    doubts,
+    pieces_of_a_course,
+    unclear,
+    undetermined,
+    unknown_physics,
+)
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference import (
     WARM_STEPS,
@@ -137,7 +144,7 @@ def examined_signal(
     varied = variations(final, best.parts)
     named = named_effects(final, best, model, instead, varied, _misfit(proof, rest.excess), beside, suspects)
     unnamed = unclear(named)
-    doubts = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
+    pieces = pieces_of_a_course(named, unnamed)
     # With the best model's calibration: a calibration without the findings would be biased by them.
     off = final.measured - final.predicted(final.recorded) - best.calibrated
     return SignalDiagnosis(
@@ -145,14 +152,14 @@ def examined_signal(
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*(each for each in named if each not in unnamed), *detected),
+        findings=(*(each for each in named if each not in (*unnamed, *pieces)), *detected),
         unknown=unknown_physics(final, best, rest, undetermined(final, unnamed)),
         residual_test=rest,
         windows=locate(final.recorded, off, final.noise, final.channels),
         calibration=calibration_estimates(final, best),
         held_out=held,
         proof=proof,
-        unproven=model.dropped | doubts,
+        unproven=model.dropped | doubts(unnamed, pieces),
     )
 
 

@@ -42,16 +42,16 @@ class UnknownPhysics:
 
 
 def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
-    """The effects of an answer that other causes explain too often to be named.
+    """The effects of an answer that other causes explain too often to be named."""
+    return [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
 
-    Where one of them would have to vary with time, a smaller event beside it is a piece of that course.
-    """
-    found = [each for each in named if each.belief.probability < _LEAST_NAMED or _unknown_as_likely(each)]
-    varying = [_share(each) for each in found if each.belief.varies_with == "time"]
+
+def pieces_of_a_course(named: Sequence[NamedEffect], unnamed: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """Other events that explain less than one of the unclear effects which would have to vary with time."""
+    varying = [_share(each) for each in unnamed if each.belief.varies_with == "time"]
     largest = max(varying, default=-math.inf)
-    return [
-        each for each in named if each in found or (each.proof and not each.effect.transfers and _share(each) < largest)
-    ]
+    others = [each for each in named if each not in unnamed and each.proof is not None]
+    return [each for each in others if not each.effect.transfers and _share(each) < largest]
 
 
 def _share(each: NamedEffect) -> float:
@@ -89,6 +89,12 @@ def likelihoods(effect: NamedEffect) -> str:
     state = effect.belief.varies_with
     doubt = f" ({effect.effect.name} would have to vary with {state.replace('_', ' ')})" if state else ""
     return ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in _candidates(effect)[:4]) + doubt
+
+
+def doubts(unnamed: Sequence[NamedEffect], pieces: Sequence[NamedEffect]) -> dict[str, str]:
+    """Why unclear effects, and pieces of a course, are not named, by the names of the effects."""
+    unclear_ones = {each.effect.name: f"other causes are likelier: {likelihoods(each)}" for each in unnamed}
+    return unclear_ones | {each.effect.name: "it may be a piece of a cause that varies with time" for each in pieces}
 
 
 def unknown_physics(
