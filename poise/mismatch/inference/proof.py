@@ -223,7 +223,8 @@ def immaterial(problem: Problem, part: FittedEffect, proof: EffectProof) -> str:
             return ""
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
-        large = proof.local >= _LEAST_LOCAL or (proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL)
+        whole = 1.0 + proof.excess if proof.elsewhere == 0.0 else 0.0
+        large = max(proof.local, whole) >= _LEAST_LOCAL
         return "" if large else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
