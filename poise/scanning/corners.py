@@ -13,7 +13,7 @@ from scipy import ndimage
 from poise.scanning.flatness import few_of
 from poise.scanning.frames import View
 from poise.scanning.fusion import pixels_of
-from poise.scanning.support import CELL, NEAR, Footprint, Plane
+from poise.scanning.support import CELL, Footprint, Plane
 from poise.types import Array, Mask
 
 _PIXELS = 6000
@@ -114,7 +114,7 @@ def _table(view: View, plane: Plane, farthest: float) -> tuple[Array, Array]:
     """(3,) where the camera of a view is, and (N, 3) what it sees of the table, over the plane of the table, m."""
     placed = plane.placed(pixels_of(view, _PIXELS, farthest)).astype(np.float64)
     eye = plane.placed(view.translation_world_camera[None])[0].astype(np.float64)
-    return eye, placed[np.abs(placed[:, 2]) < max(NEAR, 3 * plane.thickness)]
+    return eye, placed[np.abs(placed[:, 2]) < plane.tolerance]
 
 
 def _sunken(seen: Sequence[tuple[Array, Array]], rings: _Rings) -> Sunken:

@@ -24,7 +24,7 @@ AGREED_WELL = 0.9
 """Share of the surface that views agree on, below which it is said; those of a scene at rest agree on 0.97 and more."""
 _BETTER = 0.03
 """Of this share, by which views of either side of a push agree better than all do."""
-ALIKE, TURNED = 0.995, np.deg2rad(1.5)
+_ALIKE, _TURNED = 0.995, np.deg2rad(1.5)
 """Share of the surface, from which on views agree that nothing was pushed by up to `FAR_MOVED`, and the turn, rad, from
 which on this does not count. Thin bars at rest were pushed by 3.5 mm and turned by 0.5 deg for the search, and agreed
 on 0.998; those that were, by 3 to 4 mm, on 0.91 to 0.991. What is turned by 4 deg can agree on more than this."""
@@ -125,8 +125,8 @@ def _fused(
     if (move := find_move(views, footprint)) is None:
         return views, footprint, fuse(views, footprint, options.voxel), []
     as_it_is = _agreed_surface(views, footprint, options)
-    small = move.distance <= FAR_MOVED and abs(move.turn) < TURNED
-    if small and as_it_is is not None and as_it_is.agreed > ALIKE:
+    small = move.distance <= FAR_MOVED and abs(move.turn) < _TURNED
+    if small and as_it_is is not None and as_it_is.agreed > _ALIKE:
         return views, footprint, as_it_is, []
     moved, there, together = move.undone(views), footprint, None
     try:

@@ -7,7 +7,7 @@ import numpy as np
 from poise.scanning.frames import View
 from poise.scanning.fusion import agreement, fewest_views, pixels_of
 from poise.scanning.looking import each
-from poise.scanning.support import NEAR, TALLEST, Plane
+from poise.scanning.support import TALLEST, Plane
 
 _FEWEST = 12
 """Views, from which on single ones can be found to be wrong."""
@@ -31,12 +31,11 @@ def without_strays(views: Sequence[View], plane: Plane, farthest: float) -> tupl
     """
     if len(views) < _FEWEST:
         return views, []
-    floor = max(NEAR, 3 * plane.thickness)
 
     def raised(view: View) -> np.ndarray:
         points = pixels_of(view, _PIXELS, farthest)
         heights = plane.heights(points)
-        over = points[(heights > floor) & (heights < TALLEST)]
+        over = points[(heights > plane.tolerance) & (heights < TALLEST)]
         return over[:: len(over) // _ASKED + 1]
 
     asked = each(views, raised)

@@ -50,6 +50,11 @@ class Plane:
     offset: float
     thickness: float
 
+    @property
+    def tolerance(self) -> float:
+        """m from it, up to which points may be points of it."""
+        return max(NEAR, 3 * self.thickness)
+
     def heights(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
         """(N,) m of points (N, 3) above it."""
         return self.placed(points)[:, 2]
@@ -166,7 +171,7 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     placed = plane.placed(points)
     flat, heights = placed[:, :2].astype(np.float64), placed[:, 2].astype(np.float64)
     # What is farther below is a mirror image in the plane, or the floor; the mean of a cell would fall with it.
-    over = (heights > -max(NEAR, 3 * plane.thickness)) & (heights < TALLEST)
+    over = (heights > -plane.tolerance) & (heights < TALLEST)
     flat, heights = flat[over], heights[over]
     low = np.quantile(flat, 0.001, axis=0) - CELL
     high = np.minimum(np.quantile(flat, 0.999, axis=0) + CELL, low + 4.0)

@@ -1,6 +1,5 @@
 """Physics that an answer does not name: outside the library, or not to be distinguished from other effects."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,15 +47,10 @@ def unclear(named: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 def pieces_of_a_course(named: Sequence[NamedEffect], unnamed: Sequence[NamedEffect]) -> list[NamedEffect]:
     """Other events that explain less than one of the unclear effects which would have to vary with time."""
-    varying = [_share(each) for each in unnamed if each.belief.varies_with == "time"]
-    largest = max(varying, default=-math.inf)
-    others = [each for each in named if each not in unnamed and each.proof is not None]
-    return [each for each in others if not each.effect.transfers and _share(each) < largest]
-
-
-def _share(each: NamedEffect) -> float:
-    """Of the energy of the error without an effect, the part that it removes."""
-    return -math.inf if each.proof is None else each.proof.share
+    varying = [each.proof.share for each in unnamed if each.belief.varies_with == "time" and each.proof is not None]
+    largest = max(varying, default=0.0)
+    events = [each for each in named if each not in unnamed and not each.effect.transfers]
+    return [each for each in events if each.proof is not None and each.proof.share < largest]
 
 
 def undetermined(problem: Problem, unnamed: Sequence[NamedEffect]) -> list[NamedEffect]:

@@ -74,7 +74,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         # Which joints are concerned shows once the common effects are there, and those found before.
         known, names = len(chosen), {sums.families[i].name for i in chosen}
         left = [effect for effect in choosing if effect.name not in names]
-        sums = screen.extended(left, _fitted(problem, sums, chosen), screen.calibrated(sums, chosen))
+        sums = screen.extended(left, screen.left_by(sums, chosen))
         chosen = _grown(sums, chosen)
         if len(chosen) == known:
             break
@@ -103,43 +103,37 @@ class _Screen:
         precision = np.full(len(bound), _TOLERANCE_RIDGE)
         self._families = [EffectFamily(None, {}, columns, precision, -bound, bound)]
 
-    def calibrated(self, sums: BlockSums, chosen: Sequence[int]) -> Array:
-        """(N, J) response of the calibration errors beside a set, at the full rate."""
-        values = solved(sums, chosen, begun(sums, chosen)[1])
-        groups = self._problem.groups(self._problem.recorded)
+    def left_by(self, sums: BlockSums, chosen: Sequence[int], without: Effect | None = None) -> Array:
+        """(N, J) what a set with its calibration errors leaves at the full rate; `without`: one of its effects."""
+        problem, values = self._problem, solved(sums, chosen, begun(sums, chosen)[1])
+        parts = [each for each in _parts(problem, sums, chosen, values) if each.effect is not without]
+        groups = problem.groups(problem.recorded)
         ends = np.cumsum([len(group.bounds) for group in groups])
         each = np.split(values[: ends[-1]], ends[:-1])
-        return np.asarray(sum(group.response(own) for group, own in zip(groups, each, strict=True)))
+        calibrated = sum(group.response(own) for group, own in zip(groups, each, strict=True))
+        return problem.unexplained(problem.predicted(problem.compose(parts)[1]) + calibrated)
 
-    def extended(
-        self,
-        effects: Sequence[Effect],
-        beside: Sequence[FittedEffect] | None = None,
-        calibrated: Array | float = 0.0,
-        general: bool = False,
-    ) -> BlockSums:
-        """The sums with further effects; those that start from what others leave, at the full rate.
+    def extended(self, effects: Sequence[Effect], left: Array | None = None, general: bool = False) -> BlockSums:
+        """The sums with further effects.
 
         Args:
             effects: to add.
-            beside, calibrated: effects, and the response (N, J) of calibration errors, that explain a part already.
+            left: (N, J) what others leave, from which they start, at the full rate; None: the averaged target.
             general: with the general ones of their starting points alone.
         """
-        recorded, left = self._recorded, self._target
-        if beside is not None:
-            recorded = self._problem.recorded
-            left = self._problem.unexplained(self._problem.predicted(self._problem.compose(beside)[1]) + calibrated)
+        recorded = self._recorded if left is None else self._problem.recorded
+        target = self._target if left is None else left
         for effect in effects:
             own = [p for p in effect.parameters(recorded) if p.linear]
             linear = own or [_SCALE]
             lower = np.array([max(p.lower, p.low) for p in linear])
             upper = np.array([p.high for p in linear])
             precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
-            for start in effect.starts(recorded, left):
+            for start in effect.starts(recorded, target):
                 if general and not effect.general_at(start):
                     continue
                 columns = effect.columns(recorded, start) if own else effect.simulate(recorded, start)[:, :, None]
-                columns = columns if beside is None else np.asarray(columns[self._groups].mean(axis=1))
+                columns = columns if left is None else np.asarray(columns[self._groups].mean(axis=1))
                 columns = columns * self._free[:, :, None]
                 event = effect.free_course or brief(effect, recorded, start)
                 family = EffectFamily(effect, dict(start), columns, precision, lower, upper, event)
@@ -259,8 +253,7 @@ def _with_laws(problem: Problem, screen: _Screen, sums: BlockSums, chosen: list[
         effect = sums.families[i].effect
         alike = [k for k, each in enumerate(sums.families) if each.effect is effect]
         if effect is not None and not effect.general and any(_general(sums, k) for k in alike):
-            others = [each for each in _fitted(problem, sums, chosen) if each.effect is not effect]
-            sums = screen.extended([effect], others, screen.calibrated(sums, chosen), general=True)
+            sums = screen.extended([effect], screen.left_by(sums, chosen, without=effect), general=True)
     changed = _varied(sums, chosen)
     # Values within a law are settled at the end, when all effects are there.
     return sums, _grown(sums, changed) if any(_general(sums, k) for k in changed) else chosen
@@ -314,8 +307,12 @@ def _impossible(problem: Problem, sums: BlockSums, chosen: list[int]) -> list[in
     return [i for i, part in fitted if part.effect.implausible(problem.recorded, part.values)]
 
 
-def _fitted(problem: Problem, sums: BlockSums, chosen: list[int]) -> tuple[FittedEffect, ...]:
-    values = solved(sums, chosen, begun(sums, chosen)[1])
+def _fitted(problem: Problem, sums: BlockSums, chosen: Sequence[int]) -> tuple[FittedEffect, ...]:
+    return _parts(problem, sums, chosen, solved(sums, chosen, begun(sums, chosen)[1]))
+
+
+def _parts(problem: Problem, sums: BlockSums, chosen: Sequence[int], values: Array) -> tuple[FittedEffect, ...]:
+    """The effects of a set with their coefficients."""
     parts = []
     for i, place in numbered(sums, chosen)[1:]:
         family = sums.families[i]

@@ -153,6 +153,11 @@ class EffortComparison:
         """(J,) variance of an effort that counts half."""
         return np.asarray(np.maximum(_AUDIBLE * self.noise, 1e-12))
 
+    def earlier(self, lag: float) -> Array:
+        """(n, J) efforts that were read `lag` (s) later."""
+        track = self.track
+        return linear_at(track.seconds, track.measured, track.seconds[self.rows] + lag)
+
 
 def driver_error(recorded: RecordedMotion, track: EffortTrack) -> InputFinding | None:
     """What a driver did to efforts that the model does not explain, where one error explains them.
@@ -195,7 +200,7 @@ def without_delay(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     bases = comparison.bases(track.rigid)
 
     def left(lag: float) -> Array:
-        return comparison.left(linear_at(track.seconds, track.measured, track.seconds[comparison.rows] + lag), bases)
+        return comparison.left(comparison.earlier(lag), bases)
 
     most = round(_SHORTEST_LAG / _LAG_STEP)
     lag = min((_LAG_STEP * step for step in range(-most, most + 1)), key=lambda each: float(left(each).sum()))
@@ -207,16 +212,21 @@ def without_delay(track: EffortTrack) -> tuple[EffortTrack, list[InputFinding]]:
     stays = (after > _HALF * before) & (after > chance)
     if abs(lag) < _LEAST_MOVED or after.sum() > _HALF * before.sum() or falls.sum() < 2 or stays.any():
         return track, []
-    sentence = (
-        f"The efforts follow from the motion if they are {1e3 * abs(lag):.0f} ms {'late' if lag > 0 else 'early'} "
-        "beside the positions; they were moved by it: correct the driver or its filter."
-    )
+    late = _late_by(track, lag, f"{1e3 * abs(lag):.0f} ms", "moved by it")
     later = track.seconds + lag
     moved = replace(track, measured=linear_at(track.seconds, track.measured, later))
     index = np.clip(np.searchsorted(track.seconds, later), 1, len(track.seconds) - 1)
     beside = track.seconds[index] - track.seconds[index - 1] < 2.0 * track.period
     inside = (later >= track.seconds[0]) & (later <= track.seconds[-1])
-    return moved.select(beside & inside), [InputFinding("effort_late", sentence, track.names, (float(lag),))]
+    return moved.select(beside & inside), [late]
+
+
+def _late_by(track: EffortTrack, lag: float, size: str, done: str) -> InputFinding:
+    sentence = (
+        f"The efforts follow from the motion if they are {size} {'late' if lag > 0 else 'early'} beside the positions; "
+        f"they were {done}: correct the driver or its filter."
+    )
+    return InputFinding("effort_late", sentence, track.names, (lag,))
 
 
 _Tried = Iterator[tuple[Array, InputFinding]]
@@ -245,12 +255,7 @@ def _late(comparison: EffortComparison, bases: list[Array]) -> _Tried:
         lag = shift * step
         if abs(lag) < _SHORTEST_LAG:
             continue
-        moved = linear_at(track.seconds, track.measured, track.seconds[comparison.rows] + lag)
-        sentence = (
-            f"The efforts follow from the motion if they are {abs(lag):.2f} s {'late' if lag > 0 else 'early'} beside "
-            "the positions; they were left out: correct the driver or its filter."
-        )
-        yield comparison.left(moved, bases), InputFinding("effort_late", sentence, track.names, (lag,))
+        yield comparison.left(comparison.earlier(lag), bases), _late_by(track, lag, f"{abs(lag):.2f} s", "left out")
 
 
 def _compensated(comparison: EffortComparison, recorded: RecordedMotion) -> _Tried:
